@@ -1,0 +1,180 @@
+"""The one frozen configuration: every limit with its unit and reason (style 27).
+
+This file only says what may be configured. Reading TOML and judging it is
+`autopilot.cli.configuration`'s business; decisions never see these objects, they see the
+`Limits` message that the manifest carries.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Degrees = Annotated[float, Field(ge=-360, le=360)]
+Port = Annotated[int, Field(ge=1, le=65535)]
+
+
+class Section(BaseModel):
+    """A section of the file: unknown keys are errors, nothing changes after reading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class NodeSection(Section):
+    """Who this node is and where it keeps its things."""
+
+    keys: str = Field(description="Folder with the device's keys and signed documents; files 0600.")
+    flights: str = Field(description="Folder that holds one folder for each flight.")
+    projections: str = Field(description="Disposable database of the projections.")
+
+
+class CommandSection(Section):
+    """Whether and from whom orders are taken (seed 000: off by default)."""
+
+    enabled: bool = Field(False, description="False: every order is answered ACK_UNSUPPORTED.")
+    camera_roles: tuple[str, ...] = Field((), description="Roles that may point the camera. Empty: nobody.")
+    operator_hold_s: float = Field(60, gt=0, le=3600, description="An operator keeps the camera this long.")
+    release_pause_s: float = Field(3, ge=0, le=600, description="A released camera rests this long.")
+
+
+class MeshSection(Section):
+    """The Zenoh session. Without endpoints the node has no mesh."""
+
+    mode: Literal["client", "peer"] = Field("client", description="Zenoh session mode.")
+    connect: tuple[str, ...] = Field((), description="Endpoints to connect to, e.g. tcp/127.0.0.1:7447.")
+    listen: tuple[str, ...] = Field((), description="Endpoints to listen on (peer mode).")
+    reconnect_ms: int = Field(500, ge=50, le=60_000, description="Wait between tries to reconnect.")
+    samples_per_s: int = Field(200, ge=1, le=100_000, description="Token bucket of the gate.")
+    samples_burst: int = Field(50, ge=1, le=100_000, description="Depth of the token bucket.")
+    status_period_s: float = Field(1.0, ge=0.1, le=60, description="How often NodeStatus is published.")
+
+
+class VehicleSection(Section):
+    """The MAVLink link. Without `listen` or `connect` the node has no vehicle."""
+
+    connect: str = Field("", description="Peer as host:port; the node speaks first.")
+    listen: str = Field("", description="Own address as host:port; the peer speaks first.")
+    system_id: int = Field(1, ge=1, le=255, description="Vehicle's system id, adopted from the only autopilot heard.")
+    component_id: int = Field(191, ge=1, le=255, description="Own component id (onboard computer).")
+    answer_timeout_s: float = Field(0.7, gt=0, le=10, description="Wait for COMMAND_ACK before sending again.")
+    attempts: int = Field(3, ge=1, le=10, description="How often a harmless command is sent.")
+    in_progress_timeout_s: float = Field(3.0, gt=0, le=60, description="Wait after IN_PROGRESS.")
+    link_timeout_s: float = Field(5.0, gt=0, le=60, description="Silence after which the vehicle is gone.")
+    position_period_s: float = Field(0.5, gt=0, le=60, description="A position is recorded at most this often.")
+    gimbal_threshold_deg: float = Field(0.5, gt=0, le=90, description="A gimbal's move is recorded from here on.")
+
+
+class FixedPose(Section):
+    """Where a camera stands that nothing reports about."""
+
+    latitude_deg: float = Field(ge=-90, le=90)
+    longitude_deg: float = Field(ge=-180, le=180)
+    altitude_m: float = Field(0, ge=-500, le=20_000, description="Above mean sea level.")
+    height_m: float = Field(gt=0, le=20_000, description="Above the flat ground in view.")
+    yaw_deg: Degrees = Field(0, description="From north, clockwise.")
+    pitch_deg: float = Field(ge=-90, le=90, description="Up positive; -90 looks straight down.")
+
+
+class EyesSection(Section):
+    """The camera and its detector."""
+
+    source: Literal["none", "file", "device", "external"] = Field("none", description="Where detections come from.")
+    path: str = Field("", description="Video file, for source = file.")
+    device: int = Field(0, ge=0, description="Camera number, for source = device.")
+    endpoint: str = Field("", description="host:port of a detector that sends DetectionBatch, for source = external.")
+    model: str = Field("", description="ONNX file of the detector, for file and device.")
+    output: Literal["nanodet"] = Field("nanodet", description="How the model's output is to be read.")
+    classes: tuple[str, ...] = Field((), description="Class names of the model in order; empty: COCO's 80.")
+    confidence: float = Field(0.4, ge=0.05, le=1, description="Detections below it are not reported.")
+    overlap: float = Field(0.5, gt=0, le=1, description="IoU from which two boxes are one.")
+    field_of_view_deg: float = Field(60, gt=1, le=170, description="Horizontal field of view.")
+    pace: Literal["real", "fast"] = Field("real", description="A file at its own speed, or as fast as it goes.")
+    at_end: Literal["stop", "go_on", "loop"] = Field("go_on", description="What the node does when a file ends.")
+    frames: int = Field(0, ge=0, description="Stop after this many frames; 0: all.")
+    threads: int = Field(1, ge=1, le=64, description="Threads of the detector.")
+    range_max_m: float = Field(2000, gt=0, le=50_000, description="Farther ground points get no place.")
+    pose: FixedPose | None = Field(None, description="Fixed pose; absent: the vehicle's telemetry tells it.")
+
+    @model_validator(mode="after")
+    def _complete(self) -> EyesSection:
+        """Say which key a source lacks."""
+        needed = {"file": ("path", "model"), "device": ("model",), "external": ("endpoint",), "none": ()}
+        missing = [key for key in needed[self.source] if not getattr(self, key)]
+        if missing:
+            raise ValueError(f'source = "{self.source}" needs {" and ".join(missing)}')
+        return self
+
+
+class FlightSection(Section):
+    """Where a flight begins and ends."""
+
+    close_after_s: float = Field(180, ge=0, le=86_400, description="Disarmed this long: the flight is closed.")
+    origin: tuple[float, float, float] | None = Field(
+        None, description="Origin as latitude, longitude (degrees), altitude (m AMSL). Absent: the first 3D fix."
+    )
+
+
+class FindSection(Section):
+    """When a sighting is worth a person's look (seed 004; facts of its source system)."""
+
+    groups: dict[str, tuple[str, ...]] = Field(
+        default_factory=lambda: {
+            "person": ("person",),
+            "vehicle": ("car", "truck", "bus", "motorcycle", "bicycle", "vehicle"),
+            "boat": ("boat",),
+            "animal": ("dog", "horse", "sheep", "cow", "animal"),
+            "fire": ("fire", "smoke"),
+        },
+        description="Class groups; a class in no group is not observed.",
+    )
+    same_object_m: float = Field(8, gt=0, le=1000, description="Sightings nearer than this are one object.")
+    same_poi_m: float = Field(15, gt=0, le=1000, description="Sightings nearer than this are one question.")
+    ask_confidence: float = Field(0.4, ge=0, le=1, description="Below it nobody is asked.")
+    asks_per_minute: int = Field(5, ge=1, le=60, description="Questions to the operator in a rolling minute.")
+    decide_shortest_s: float = Field(30, gt=0, description="Time to decide at 40 % confidence.")
+    decide_longest_s: float = Field(120, gt=0, description="Time to decide at 100 % confidence.")
+    queue_longest_s: float = Field(300, gt=0, description="A question waits at most this long to be asked.")
+    ask_again_s: float = Field(300, ge=0, description="After an expired question the place is left alone.")
+    sightings_to_ask: int = Field(3, ge=1, le=1000, description="Sightings of one thing before a person is asked.")
+
+
+class ScanSection(Section):
+    """Whether the node moves the camera by itself."""
+
+    enabled: bool = Field(False, description="True: the node looks closer at what it found.")
+    look_s: float = Field(4, gt=0, le=600, description="The camera rests on a finding this long.")
+    sweep_pitch_deg: float = Field(-35, ge=-90, le=30, description="Pitch of the sweep, up positive.")
+    frame_rate_floor: float = Field(10, ge=0, le=240, description="Frames a second under which it does not look closer.")
+
+
+class LimitsSection(Section):
+    """Bounds of queues and times that no user of the air needs to know."""
+
+    inbox_orders: int = Field(256, ge=1, description="Orders waiting; the newest is refused.")
+    inbox_outcomes: int = Field(1024, ge=1, description="Outcomes waiting; the adapter offers again.")
+    inbox_telemetry: int = Field(512, ge=1, description="Telemetry waiting; the oldest is dropped.")
+    inbox_frames: int = Field(32, ge=1, description="Frames waiting; the oldest is dropped.")
+    commit_within_ms: int = Field(100, ge=1, le=1000, description="A group of records is durable within this.")
+    commit_stall_s: float = Field(2.0, gt=0, description="A slower commit refuses orders until one is quick again.")
+    arrival_tolerance_deg: float = Field(1.0, gt=0, le=45, description="The gimbal has arrived within this.")
+    arrival_patience_s: float = Field(10, gt=0, le=120, description="It is said not to have arrived after this.")
+    dedup_keep_h: float = Field(24, gt=0, le=240, description="Stored results are kept this long.")
+    failures_to_safe_mode: int = Field(3, ge=1, description="Failed steps within failure_window_s.")
+    failure_window_s: float = Field(60, gt=0, description="Window of the failed steps.")
+    own_command_life_s: float = Field(5, gt=0, le=60, description="A command of the node's own is dropped after this.")
+
+
+class Config(Section):
+    """The whole configuration."""
+
+    schema_version: Literal[1] = Field(1, description="Version of this file's form.")
+    node: NodeSection
+    command: CommandSection = CommandSection()
+    mesh: MeshSection = MeshSection()
+    vehicle: VehicleSection = VehicleSection()
+    eyes: EyesSection = EyesSection()
+    flight: FlightSection = FlightSection()
+    find: FindSection = FindSection()
+    scan: ScanSection = ScanSection()
+    limits: LimitsSection = LimitsSection()

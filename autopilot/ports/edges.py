@@ -1,0 +1,66 @@
+"""The Protocols between the node and its adapters, and the plain values that cross them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+from google.protobuf.message import Message
+
+
+class InputClass(Enum):
+    """Classes of the inbox; each has a bound of its own and a way of overflowing (design, section 3)."""
+
+    ORDER = "order"  # full: the newest is refused, and its issuer is told
+    OUTCOME = "outcome"  # full: the adapter keeps it and offers it again
+    TELEMETRY = "telemetry"  # full: the oldest is dropped and counted
+    FRAME = "frame"  # full: the oldest is dropped and counted
+
+
+class Offer(Protocol):
+    """Hands an observation to the node. May be called from any thread; never blocks, never raises."""
+
+    def __call__(self, input_class: InputClass, observation: Message) -> bool:
+        """Return False when the inbox refused it (only ORDER and OUTCOME can be refused)."""
+
+
+class Performer(Protocol):
+    """Performs effects of one port. Called on the asyncio loop; must not block and must not raise.
+
+    What came of it is offered as an observation that names `seq`.
+    """
+
+    def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
+        """Perform the effect that record `seq` holds; lives count from `recorded_mono_ns`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """Where a camera was and where it looked, for the edge's own geometry (floats allowed here)."""
+
+    mono_ns: int  # monotonic time of this pose, interpolated
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float  # above mean sea level
+    height_m: float  # above the ground that is assumed flat (home level)
+    camera_yaw_deg: float  # from true north, clockwise, -180..360
+    camera_pitch_deg: float  # up positive: -90 looks straight down
+    camera_roll_deg: float = 0.0
+
+
+class PoseSource(Protocol):
+    """Knows the camera's pose at a moment."""
+
+    def pose_at(self, mono_ns: int) -> Pose | None:
+        """Return the pose at `mono_ns` (monotonic clock of this machine), or None where it is not known."""
+
+
+class Clock(Protocol):
+    """Time as the edge sees it; tests and the simulator bring their own."""
+
+    def mono_ns(self) -> int:
+        """Monotonic nanoseconds of this boot (CLOCK_BOOTTIME where there is one)."""
+
+    def wall_ns(self) -> int:
+        """Wall clock in nanoseconds since 1970."""
