@@ -18,7 +18,7 @@ Port = Annotated[int, Field(ge=1, le=65535)]
 class Section(BaseModel):
     """A section of the file: unknown keys are errors, nothing changes after reading."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class NodeSection(Section):
@@ -94,6 +94,11 @@ class EyesSection(Section):
     frames: int = Field(0, ge=0, description="Stop after this many frames; 0: all.")
     threads: int = Field(1, ge=1, le=64, description="Threads of the detector.")
     range_max_m: float = Field(2000, gt=0, le=50_000, description="Farther ground points get no place.")
+    silence_s: float = Field(15, gt=0, le=600, description="No word from camera or detector: it is started afresh.")
+    retry_first_s: float = Field(0.5, gt=0, le=600, description="Wait before the first new try; doubles each time.")
+    retry_longest_s: float = Field(10, gt=0, le=600, description="Longest wait between tries.")
+    message_bytes: int = Field(262_144, ge=1024, description="Longest message of a detector; 1,000 boxes fit twice.")
+    detections: int = Field(300, ge=1, le=10_000, description="Boxes in one frame; more are a broken detector.")
     pose: FixedPose | None = Field(None, description="Fixed pose; absent: the vehicle's telemetry tells it.")
 
     @model_validator(mode="after")
@@ -113,6 +118,13 @@ class FlightSection(Section):
     origin: tuple[float, float, float] | None = Field(
         None, description="Origin as latitude, longitude (degrees), altitude (m AMSL). Absent: the first 3D fix."
     )
+
+    @model_validator(mode="after")
+    def _on_earth(self) -> FlightSection:
+        """Say so when latitude and longitude are swapped or not degrees."""
+        if self.origin is not None and not (abs(self.origin[0]) <= 90 and abs(self.origin[1]) <= 180):
+            raise ValueError("origin is latitude (+-90), longitude (+-180), altitude in metres, in this order")
+        return self
 
 
 class FindSection(Section):
@@ -137,6 +149,17 @@ class FindSection(Section):
     queue_longest_s: float = Field(300, gt=0, description="A question waits at most this long to be asked.")
     ask_again_s: float = Field(300, ge=0, description="After an expired question the place is left alone.")
     sightings_to_ask: int = Field(3, ge=1, le=1000, description="Sightings of one thing before a person is asked.")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> FindSection:
+        """A surer finding never gets less time than a doubtful one, and a class has one group."""
+        if self.decide_shortest_s > self.decide_longest_s:
+            raise ValueError("decide_shortest_s is above decide_longest_s")
+        classes = [name for names in self.groups.values() for name in names]
+        twice = sorted({name for name in classes if classes.count(name) > 1})
+        if twice:
+            raise ValueError(f"groups has {', '.join(twice)} more than once")
+        return self
 
 
 class ScanSection(Section):

@@ -26,7 +26,7 @@ from events.schema import common_pb2 as events_dot_schema_dot_common__pb2
 from events.schema import options_pb2 as events_dot_schema_dot_options__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1c\x65vents/schema/findings.proto\x12\x13\x61utopilot.events.v1\x1a\x1a\x65vents/schema/common.proto\x1a\x1b\x65vents/schema/options.proto\"\x84\x01\n\x08Sighting\x12\x11\n\tdetection\x18\x01 \x01(\r\x12+\n\x04\x64iff\x18\x02 \x01(\x0e\x32\x1d.autopilot.events.v1.DiffKind\x12\x0e\n\x06object\x18\x03 \x01(\r\x12\x13\n\x0b\x63lass_group\x18\x04 \x01(\t\x12\x13\n\x0b\x64istance_mm\x18\x05 \x01(\r\"k\n\x13SightingsClassified\x12\x30\n\tsightings\x18\x01 \x03(\x0b\x32\x1d.autopilot.events.v1.Sighting:\"\xca\xda\x18\x1e\n\x14sightings_classified\x10\x46\x18\x02 \x02(\x01\"\xd4\x01\n\tPoiOpened\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x0e\n\x06object\x18\x03 \x01(\r\x12\x12\n\nclass_name\x18\x04 \x01(\t\x12\x13\n\x0b\x63lass_group\x18\x05 \x01(\t\x12\x15\n\rconfidence_e4\x18\x06 \x01(\r\x12)\n\x05place\x18\x07 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x11\n\tframe_seq\x18\x08 \x01(\x04:\x18\xca\xda\x18\x14\n\npoi_opened\x10G\x18\x02 \x02(\x01\"\x8f\x01\n\x0bItemIgnored\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x13\n\x0b\x63lass_group\x18\x02 \x01(\t\x12)\n\x05place\x18\x03 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x14\n\x0cprincipal_id\x18\x04 \x01(\t:\x1a\xca\xda\x18\x16\n\x0citem_ignored\x10H\x18\x02 \x01(\x01\"\x86\x01\n\x0b\x43\x61meraTaken\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x14\n\x0cprincipal_id\x18\x03 \x01(\t\x12\x10\n\x08\x63\x61llsign\x18\x04 \x01(\t\x12\x12\n\ncommand_id\x18\x05 \x01(\t:\x1a\xca\xda\x18\x16\n\x0c\x63\x61mera_taken\x10I\x18\x02 \x02(\x01*<\n\x08\x44iffKind\x12\x19\n\x15\x44IFF_KIND_UNSPECIFIED\x10\x00\x12\x07\n\x03NEW\x10\x01\x12\x0c\n\x08\x45XISTING\x10\x02\x62\x08\x65\x64itionsp\xe8\x07')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1c\x65vents/schema/findings.proto\x12\x13\x61utopilot.events.v1\x1a\x1a\x65vents/schema/common.proto\x1a\x1b\x65vents/schema/options.proto\"\x84\x01\n\x08Sighting\x12\x11\n\tdetection\x18\x01 \x01(\r\x12+\n\x04\x64iff\x18\x02 \x01(\x0e\x32\x1d.autopilot.events.v1.DiffKind\x12\x0e\n\x06object\x18\x03 \x01(\r\x12\x13\n\x0b\x63lass_group\x18\x04 \x01(\t\x12\x13\n\x0b\x64istance_mm\x18\x05 \x01(\r\"k\n\x13SightingsClassified\x12\x30\n\tsightings\x18\x01 \x03(\x0b\x32\x1d.autopilot.events.v1.Sighting:\"\xca\xda\x18\x1e\n\x14sightings_classified\x10\x46\x18\x02 \x02(\x01\"\xd4\x01\n\tPoiOpened\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x0e\n\x06object\x18\x03 \x01(\r\x12\x12\n\nclass_name\x18\x04 \x01(\t\x12\x13\n\x0b\x63lass_group\x18\x05 \x01(\t\x12\x15\n\rconfidence_e4\x18\x06 \x01(\r\x12)\n\x05place\x18\x07 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x11\n\tframe_seq\x18\x08 \x01(\x04:\x18\xca\xda\x18\x14\n\npoi_opened\x10G\x18\x02 \x02(\x01\"\x8f\x01\n\x0bItemIgnored\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x13\n\x0b\x63lass_group\x18\x02 \x01(\t\x12)\n\x05place\x18\x03 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x14\n\x0cprincipal_id\x18\x04 \x01(\t:\x1a\xca\xda\x18\x16\n\x0citem_ignored\x10H\x18\x02 \x01(\x01\"\x86\x01\n\x0b\x43\x61meraTaken\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x14\n\x0cprincipal_id\x18\x03 \x01(\t\x12\x10\n\x08\x63\x61llsign\x18\x04 \x01(\t\x12\x12\n\ncommand_id\x18\x05 \x01(\t:\x1a\xca\xda\x18\x16\n\x0c\x63\x61mera_taken\x10I\x18\x02 \x02(\x01\"E\n\tPoiJoined\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x0e\n\x06object\x18\x02 \x01(\r:\x18\xca\xda\x18\x14\n\npoi_joined\x10J\x18\x02 \x02(\x01\"M\n\rSightingMuted\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x0e\n\x06object\x18\x02 \x01(\r:\x1c\xca\xda\x18\x18\n\x0esighting_muted\x10K\x18\x02 \x02(\x01*<\n\x08\x44iffKind\x12\x19\n\x15\x44IFF_KIND_UNSPECIFIED\x10\x00\x12\x07\n\x03NEW\x10\x01\x12\x0c\n\x08\x45XISTING\x10\x02\x62\x08\x65\x64itionsp\xe8\x07')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -41,8 +41,12 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_ITEMIGNORED']._serialized_options = b'\312\332\030\026\n\014item_ignored\020H\030\002 \001(\001'
   _globals['_CAMERATAKEN']._loaded_options = None
   _globals['_CAMERATAKEN']._serialized_options = b'\312\332\030\026\n\014camera_taken\020I\030\002 \002(\001'
-  _globals['_DIFFKIND']._serialized_start=852
-  _globals['_DIFFKIND']._serialized_end=912
+  _globals['_POIJOINED']._loaded_options = None
+  _globals['_POIJOINED']._serialized_options = b'\312\332\030\024\n\npoi_joined\020J\030\002 \002(\001'
+  _globals['_SIGHTINGMUTED']._loaded_options = None
+  _globals['_SIGHTINGMUTED']._serialized_options = b'\312\332\030\030\n\016sighting_muted\020K\030\002 \002(\001'
+  _globals['_DIFFKIND']._serialized_start=1002
+  _globals['_DIFFKIND']._serialized_end=1062
   _globals['_SIGHTING']._serialized_start=111
   _globals['_SIGHTING']._serialized_end=243
   _globals['_SIGHTINGSCLASSIFIED']._serialized_start=245
@@ -53,4 +57,8 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_ITEMIGNORED']._serialized_end=713
   _globals['_CAMERATAKEN']._serialized_start=716
   _globals['_CAMERATAKEN']._serialized_end=850
+  _globals['_POIJOINED']._serialized_start=852
+  _globals['_POIJOINED']._serialized_end=921
+  _globals['_SIGHTINGMUTED']._serialized_start=923
+  _globals['_SIGHTINGMUTED']._serialized_end=1000
 # @@protoc_insertion_point(module_scope)

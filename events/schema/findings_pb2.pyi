@@ -229,3 +229,55 @@ class CameraTaken(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___CameraTaken: _TypeAlias = CameraTaken  # noqa: Y015
+
+@_typing.final
+class PoiJoined(_message.Message):
+    """Another map object belongs to a point of interest that is already open."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POI_ID_FIELD_NUMBER: _builtins.int
+    OBJECT_FIELD_NUMBER: _builtins.int
+    poi_id: _builtins.str
+    """The point of interest, as UUID string."""
+    object: _builtins.int
+    """The map object."""
+    def __init__(
+        self,
+        *,
+        poi_id: _builtins.str | None = ...,
+        object: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["object", b"object", "poi_id", b"poi_id"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["object", b"object", "poi_id", b"poi_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PoiJoined: _TypeAlias = PoiJoined  # noqa: Y015
+
+@_typing.final
+class SightingMuted(_message.Message):
+    """A map object lies where something like it was declined: nobody is asked about it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POI_ID_FIELD_NUMBER: _builtins.int
+    OBJECT_FIELD_NUMBER: _builtins.int
+    poi_id: _builtins.str
+    """The declined point of interest, as UUID string."""
+    object: _builtins.int
+    """The map object."""
+    def __init__(
+        self,
+        *,
+        poi_id: _builtins.str | None = ...,
+        object: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["object", b"object", "poi_id", b"poi_id"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["object", b"object", "poi_id", b"poi_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SightingMuted: _TypeAlias = SightingMuted  # noqa: Y015

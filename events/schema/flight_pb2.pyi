@@ -461,7 +461,7 @@ Global___NodeStarted: _TypeAlias = NodeStarted  # noqa: Y015
 
 @_typing.final
 class FlightClosed(_message.Message):
-    """Last record of a flight."""
+    """Last observation of a flight."""
 
     DESCRIPTOR: _descriptor.Descriptor
 

@@ -28,6 +28,8 @@ class PointAtPlace(_message.Message):
     GIMBAL_FIELD_NUMBER: _builtins.int
     PLACE_FIELD_NUMBER: _builtins.int
     LIFE_MS_FIELD_NUMBER: _builtins.int
+    ORDER_FIELD_NUMBER: _builtins.int
+    POI_ID_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     camera: _builtins.int
@@ -36,6 +38,10 @@ class PointAtPlace(_message.Message):
     """Gimbal number, from 1."""
     life_ms: _builtins.int
     """What is left of the order's life, in milliseconds from this record: nothing is sent later."""
+    order: _builtins.str
+    """The order that it serves, as principal/command_id; absent for the node's own wish."""
+    poi_id: _builtins.str
+    """The point of interest that is looked at; absent for an order."""
     @_builtins.property
     def place(self) -> _common_pb2.Place:
         """Where to look; altitude AMSL."""
@@ -48,10 +54,12 @@ class PointAtPlace(_message.Message):
         gimbal: _builtins.int | None = ...,
         place: _common_pb2.Place | None = ...,
         life_ms: _builtins.int | None = ...,
+        order: _builtins.str | None = ...,
+        poi_id: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "place", b"place", "vehicle", b"vehicle"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "order", b"order", "place", b"place", "poi_id", b"poi_id", "vehicle", b"vehicle"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "place", b"place", "vehicle", b"vehicle"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "order", b"order", "place", b"place", "poi_id", b"poi_id", "vehicle", b"vehicle"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -70,6 +78,7 @@ class PointAtAngles(_message.Message):
     YAW_CDEG_FIELD_NUMBER: _builtins.int
     YAW_LOCKED_FIELD_NUMBER: _builtins.int
     LIFE_MS_FIELD_NUMBER: _builtins.int
+    ORDER_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     camera: _builtins.int
@@ -84,6 +93,8 @@ class PointAtAngles(_message.Message):
     """True: yaw from north and held there. False: yaw from the vehicle's nose."""
     life_ms: _builtins.int
     """What is left of the order's life, in milliseconds from this record: nothing is sent later."""
+    order: _builtins.str
+    """The order that it serves, as principal/command_id; absent for the node's own wish."""
     def __init__(
         self,
         *,
@@ -94,10 +105,11 @@ class PointAtAngles(_message.Message):
         yaw_cdeg: _builtins.int | None = ...,
         yaw_locked: _builtins.bool | None = ...,
         life_ms: _builtins.int | None = ...,
+        order: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "pitch_cdeg", b"pitch_cdeg", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg", "yaw_locked", b"yaw_locked"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "order", b"order", "pitch_cdeg", b"pitch_cdeg", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg", "yaw_locked", b"yaw_locked"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "pitch_cdeg", b"pitch_cdeg", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg", "yaw_locked", b"yaw_locked"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "order", b"order", "pitch_cdeg", b"pitch_cdeg", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg", "yaw_locked", b"yaw_locked"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -113,6 +125,7 @@ class ReleasePointing(_message.Message):
     CAMERA_FIELD_NUMBER: _builtins.int
     GIMBAL_FIELD_NUMBER: _builtins.int
     LIFE_MS_FIELD_NUMBER: _builtins.int
+    ORDER_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     camera: _builtins.int
@@ -121,6 +134,8 @@ class ReleasePointing(_message.Message):
     """Gimbal number, from 1."""
     life_ms: _builtins.int
     """What is left of the order's life, in milliseconds from this record: nothing is sent later."""
+    order: _builtins.str
+    """The order that it serves, as principal/command_id; absent for the node's own wish."""
     def __init__(
         self,
         *,
@@ -128,10 +143,11 @@ class ReleasePointing(_message.Message):
         camera: _builtins.int | None = ...,
         gimbal: _builtins.int | None = ...,
         life_ms: _builtins.int | None = ...,
+        order: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "vehicle", b"vehicle"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "order", b"order", "vehicle", b"vehicle"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "vehicle", b"vehicle"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "gimbal", b"gimbal", "life_ms", b"life_ms", "order", b"order", "vehicle", b"vehicle"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -1,0 +1,154 @@
+"""The node's side of the mesh: the gate in Zenoh's callback, observations to the inbox, acks and status out.
+
+It decides nothing about an order. What the gate drops is counted by reason and never answered;
+what it opens is offered to the node.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterable
+from typing import Literal
+
+from google.protobuf.message import Message
+
+from autopilot.adapters.mesh.link import Link, Wire
+from autopilot.adapters.mesh.orders import Locate, Order, order_malformed, order_received, read_order
+from autopilot.adapters.mesh.outbox import ACK_PATIENCE_S, Answer, Outbox
+from autopilot.ports.config import MeshSection
+from autopilot.ports.edges import Clock, InputClass, Offer
+from autopilot.trust.envelope import MessageType, Packer
+from autopilot.trust.gate import Gate, Malformed, Rejected
+from autopilot.trust.identity import Identity
+from autopilot.trust.keys import Random
+from autopilot.trust.tally import Tally
+from autopilot.wire.keys import order_address, orders_of
+from events.schema.flight_pb2 import ClockQuality
+from events.schema.orders_pb2 import AckResult as RecordedResult
+from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
+from events.schema.waypoint_pb2 import AckResult, CommandAck, NodeStatus, PrincipalKind, ResultState
+
+ISSUERS = frozenset({PrincipalKind.OPERATOR, PrincipalKind.SERVICE})
+
+
+class MeshAdapter:
+    """Orders in, acks and status out, for one node."""
+
+    def __init__(
+        self,
+        config: MeshSection,
+        identity: Identity,
+        clock: Clock,
+        locate: Locate,
+        offer: Offer,
+        *,
+        wire: Wire | None = None,
+        random: Random = os.urandom,
+    ) -> None:
+        """Make the adapter; `start` opens the session.
+
+        `locate` works out a Place; `offer` hands observations to the node and is called on
+        Zenoh's thread and on the outbox's. `wire` replaces the Zenoh link in tests.
+        """
+        self._identity = identity
+        self._clock = clock
+        self._offer = offer
+        self._wire = wire or _link(config)
+        self._gate: Gate[Order] = Gate(
+            identity,
+            MessageType.ORDER,
+            kinds=ISSUERS,
+            is_ours=self._is_ours,
+            reader=lambda message, content: read_order(message, content, locate),
+            clock=clock,
+            samples_per_s=config.samples_per_s,
+            samples_burst=config.samples_burst,
+        )
+        self._outbox = Outbox(identity.principal_id, self._wire, Packer(identity, clock, random), clock, offer)
+        self._taken: Counter[str] = Counter()
+
+    def start(self) -> None:
+        """Open the session and listen; returns at once, also when no router answers yet."""
+        self._wire.subscribe(orders_of(self._identity.principal_id), self.receive)
+        self._outbox.start()
+        self._wire.start()
+
+    def stop(self) -> None:
+        """Send what can leave now, then close."""
+        self._outbox.stop()
+        self._wire.stop()
+
+    def restore_window(self, nonces: Iterable[tuple[bytes, bytes, int]]) -> None:
+        """Remember the log's nonces before `start`: (device_key_id, nonce, milliseconds that remain)."""
+        self._gate.restore(nonces)
+
+    def receive(self, key_expr: str, payload: bytes) -> None:
+        """Judge one sample and offer what came of it. Never raises."""
+        verdict = self._gate.judge(key_expr, payload)
+        if isinstance(verdict, Rejected):
+            return
+        observation: OrderReceived | OrderMalformed
+        observation = order_malformed(verdict) if isinstance(verdict, Malformed) else order_received(verdict)
+        if not self._offer(InputClass.ORDER, observation):
+            self._answer_busy(observation)
+
+    def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
+        """Perform a `SendAck`: it is sealed and published by the outbox, which offers AckPublished.
+
+        On a dead link the ack waits ACK_PATIENCE_S from its record; then its outcome is "no link".
+        """
+        if not isinstance(effect, SendAck):
+            return
+        ack = CommandAck(
+            command_id=effect.command_id,
+            result=AckResult.Value(RecordedResult.Name(effect.result)),
+            detail=effect.detail,
+            result_state=ResultState.FINAL if effect.final else ResultState.PENDING,
+            event_seq=seq,
+        )
+        if effect.duplicate:
+            ack.duplicate = True
+        if effect.HasField("mav_result"):
+            ack.mav_result = effect.mav_result
+        self._queue(seq, effect.in_reply_to, ack, recorded_mono_ns)
+
+    def publish_status(self, status: NodeStatus) -> None:
+        """Publish the node's status; a newer one replaces one that could not leave yet."""
+        self._outbox.status(status)
+
+    def tally(self) -> Tally:
+        """Return what the gate has counted since start, for the status."""
+        return self._gate.tally()
+
+    def take_rejections(self) -> dict[str, int]:
+        """Return the rejections since the last call by reason, sorted, none of them 0."""
+        totals = Counter(self._gate.tally().rejected)
+        fresh = totals - self._taken
+        self._taken = totals
+        return dict(sorted(fresh.items()))
+
+    def _is_ours(self, key_expr: str) -> bool:
+        address = order_address(key_expr)
+        return address is not None and address.node == self._identity.principal_id
+
+    def _answer_busy(self, observation: OrderReceived | OrderMalformed) -> None:
+        """Refuse what the inbox refused. Not final: nothing was recorded, a later repeat may be taken."""
+        ack = CommandAck(
+            command_id=observation.command_id,
+            result=AckResult.ACK_REJECTED,
+            detail="busy: this node's inbox is full",
+            result_state=ResultState.PENDING,
+        )
+        self._queue(None, observation.in_reply_to, ack, self._clock.mono_ns())
+
+    def _queue(self, seq: int | None, in_reply_to: bytes, ack: CommandAck, recorded_mono_ns: int) -> None:
+        ack.revocation_version = self._identity.revocations.version
+        ack.time_quality = ClockQuality.CLOCK_TRUSTED
+        give_up_mono_ns = recorded_mono_ns + int(ACK_PATIENCE_S * 1e9)
+        self._outbox.answer(Answer(effect_seq=seq, in_reply_to=in_reply_to, ack=ack, give_up_mono_ns=give_up_mono_ns))
+
+
+def _link(config: MeshSection) -> Link:
+    mode: Literal["client", "peer"] = config.mode
+    return Link(mode=mode, connect=config.connect, listen=config.listen, reconnect_ms=config.reconnect_ms)

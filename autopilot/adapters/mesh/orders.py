@@ -1,0 +1,172 @@
+"""From an opened DeviceCommand to the observation that the core judges.
+
+It decodes, checks ranges, and works out places; whether the order may be carried out is not asked
+here. A variant that this node does not know is no error: it becomes an order with nothing ordered.
+"""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from google.protobuf.message import DecodeError
+
+from autopilot.trust.gate import Malformed, Opened, Sealed, Unreadable
+from autopilot.trust.keys import digest
+from autopilot.wire.keys import order_address
+from events.schema.common_pb2 import Issuer, Place
+from events.schema.orders_pb2 import (
+    JudgePoiOrder,
+    OrderMalformed,
+    OrderReceived,
+    PointAtAnglesOrder,
+    PointAtPlaceOrder,
+    ReleaseCameraOrder,
+)
+from events.schema.waypoint_pb2 import DeviceCommand
+
+Locate = Callable[[int, int, int], Place | None]
+"""Latitude and longitude in 1e-7 degrees, altitude AMSL in millimetres; None while there is no origin."""
+
+LATITUDE_E7_MAX = 900_000_000
+LONGITUDE_E7_MAX = 1_800_000_000
+ALTITUDE_DM_MIN, ALTITUDE_DM_MAX = -5_000, 200_000  # -500 m to 20 km AMSL: no ground lies outside
+PITCH_CDEG_MAX = 9_000
+YAW_CDEG_MAX = 35_999
+
+Ordered = PointAtPlaceOrder | PointAtAnglesOrder | ReleaseCameraOrder | JudgePoiOrder
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A DeviceCommand whose every field is in its range; `ordered` is None for an unknown variant."""
+
+    command_id: str
+    target_public_key: bytes
+    ordered: Ordered | None
+
+
+def read_order(message: Sealed, content: bytes, locate: Locate) -> Order:
+    """Decode a DeviceCommand and check every field. Raises Unreadable naming the field."""
+    command = DeviceCommand()
+    try:
+        command.ParseFromString(content)
+    except DecodeError as error:
+        raise Unreadable("the content is no DeviceCommand, or a text in it is not UTF-8") from error
+    _require_uuid("command_id", command.command_id)
+    address = order_address(message.key_expr)
+    if address is None or address.command_id != command.command_id:
+        raise Unreadable("command_id: is not the one in the key")
+    return Order(command.command_id, command.target_node_pubkey, _ordered(command, locate))
+
+
+def order_received(opened: Opened[Order]) -> OrderReceived:
+    """Make the observation of an order that could be read."""
+    message, order = opened.message, opened.value
+    observation = OrderReceived(
+        issuer=_issuer(message),
+        command_id=order.command_id,
+        body_digest=digest(opened.content),
+        target_public_key=order.target_public_key,
+        order_seq=opened.order_seq,
+        nonce=message.nonce,
+        nonce_life_ms=message.nonce_life_ms,
+        life_ms=message.life_ms,
+        in_reply_to=message.digest,
+        issued_at_ms=message.issued_at_ms,
+        envelope=message.envelope,
+        opened=message.plaintext,
+    )
+    match order.ordered:
+        case PointAtPlaceOrder():
+            observation.point_at_place.CopyFrom(order.ordered)
+        case PointAtAnglesOrder():
+            observation.point_at_angles.CopyFrom(order.ordered)
+        case ReleaseCameraOrder():
+            observation.release_camera.CopyFrom(order.ordered)
+        case JudgePoiOrder():
+            observation.judge_poi.CopyFrom(order.ordered)
+        case None:
+            pass
+    return observation
+
+
+def order_malformed(malformed: Malformed) -> OrderMalformed:
+    """Make the observation of an authentic order that can't be read; its answer needs the key's id."""
+    message = malformed.message
+    address = order_address(message.key_expr)
+    return OrderMalformed(
+        issuer=_issuer(message),
+        command_id=address.command_id if address else "",
+        because=malformed.because,
+        in_reply_to=message.digest,
+        nonce=message.nonce,
+        nonce_life_ms=message.nonce_life_ms,
+    )
+
+
+def _ordered(command: DeviceCommand, locate: Locate) -> Ordered | None:
+    match command.WhichOneof("command"):
+        case "camera_roi":
+            return _at_place(command, locate)
+        case "camera_pitch_yaw":
+            return _at_angles(command)
+        case "camera_release":
+            return ReleaseCameraOrder(camera=command.camera_release.camera or 1)
+        case "poi_confirm":
+            _require_uuid("poi_confirm.poi_id", command.poi_confirm.poi_id)
+            return JudgePoiOrder(poi_id=command.poi_confirm.poi_id, confirmed=True)
+        case "poi_decline":
+            _require_uuid("poi_decline.poi_id", command.poi_decline.poi_id)
+            return JudgePoiOrder(poi_id=command.poi_decline.poi_id, confirmed=False)
+        case _:
+            return None
+
+
+def _at_place(command: DeviceCommand, locate: Locate) -> PointAtPlaceOrder:
+    roi = command.camera_roi
+    _require_range("camera_roi.lat_e7", roi.lat_e7, -LATITUDE_E7_MAX, LATITUDE_E7_MAX)
+    _require_range("camera_roi.lon_e7", roi.lon_e7, -LONGITUDE_E7_MAX, LONGITUDE_E7_MAX)
+    _require_range("camera_roi.altitude_dm", roi.altitude_dm, ALTITUDE_DM_MIN, ALTITUDE_DM_MAX)
+    place = locate(roi.lat_e7, roi.lon_e7, roi.altitude_dm * 100)
+    if place is None:
+        raise Unreadable("camera_roi: this node has no origin yet, so no place can be worked out")
+    return PointAtPlaceOrder(camera=roi.camera or 1, place=place)
+
+
+def _at_angles(command: DeviceCommand) -> PointAtAnglesOrder:
+    angles = command.camera_pitch_yaw
+    _require_range("camera_pitch_yaw.pitch_cdeg", angles.pitch_cdeg, -PITCH_CDEG_MAX, PITCH_CDEG_MAX)
+    _require_range("camera_pitch_yaw.yaw_cdeg", angles.yaw_cdeg, 0, YAW_CDEG_MAX)
+    return PointAtAnglesOrder(
+        camera=angles.camera or 1,
+        pitch_cdeg=angles.pitch_cdeg,
+        yaw_cdeg=angles.yaw_cdeg,
+        yaw_locked=angles.yaw_locked,
+    )
+
+
+def _issuer(message: Sealed) -> Issuer:
+    sender = message.sender
+    return Issuer(
+        principal_id=sender.principal_id,
+        callsign=sender.callsign,
+        device_key_id=sender.device_key_id,
+        roles=sender.roles,
+    )
+
+
+def _require_range(name: str, value: int, lowest: int, highest: int) -> None:
+    if not lowest <= value <= highest:
+        raise Unreadable(f"{name}: {value} is outside {lowest} to {highest}")
+
+
+def _require_uuid(name: str, text: str) -> None:
+    """One spelling for an id: the dedup key must not have two."""
+    try:
+        canonical = str(uuid.UUID(text)) == text
+    except ValueError:
+        canonical = False
+    if not canonical:
+        raise Unreadable(f"{name}: is no UUID in lower case with hyphens")

@@ -1,0 +1,106 @@
+"""What the vehicle says, as plain values: every number finite, in range, and in a named unit.
+
+Nothing here parses; `ingress` makes these and is the only place that sees a MAVLink message.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sender:
+    """Who sent a message: MAVLink system and component id."""
+
+    system: int
+    component: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Heartbeat:
+    """HEARTBEAT of an autopilot (those of ground stations and other components are not passed on)."""
+
+    sender: Sender
+    autopilot: int  # MAV_AUTOPILOT
+    vehicle_type: int  # MAV_TYPE
+    armed: bool
+    custom_mode: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """COMMAND_ACK. It carries no instance of the command, only its id."""
+
+    sender: Sender
+    command: int
+    result: int  # raw MAV_RESULT
+    progress: int  # percent; 255 unknown
+    target: Sender  # whom it answers; 0/0 from peers that do not fill it in
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Position:
+    """GLOBAL_POSITION_INT with a position in it."""
+
+    sender: Sender
+    boot_ms: int
+    latitude_e7: int
+    longitude_e7: int
+    altitude_mm: int  # above mean sea level
+    height_mm: int  # above home
+    north_cm_s: int
+    east_cm_s: int
+    down_cm_s: int
+    heading_cdeg: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attitude:
+    """ATTITUDE, as far as pointing needs it."""
+
+    sender: Sender
+    boot_ms: int
+    yaw_deg: float  # from north, clockwise
+    yaw_rate_deg_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GimbalAttitude:
+    """GIMBAL_DEVICE_ATTITUDE_STATUS as a direction of view."""
+
+    sender: Sender
+    boot_ms: int
+    pitch_deg: float  # up positive, to the horizon
+    yaw_deg: float  # clockwise, from north or from the vehicle's nose
+    from_north: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fix:
+    """GPS_RAW_INT with a 3D fix."""
+
+    sender: Sender
+    latitude_e7: int
+    longitude_e7: int
+    altitude_mm: int  # above mean sea level
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GimbalLimits:
+    """GIMBAL_MANAGER_INFORMATION: how far the gimbal turns, in degrees."""
+
+    sender: Sender
+    pitch_min_deg: float
+    pitch_max_deg: float
+    yaw_min_deg: float
+    yaw_max_deg: float
+
+
+Heard = Heartbeat | Answer | Position | Attitude | GimbalAttitude | Fix | GimbalLimits
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """Something that was not taken, by name; the names are counted."""
+
+    because: str

@@ -1,0 +1,214 @@
+"""Bytes of a datagram into plain values, or into named rejections; it never raises.
+
+A datagram is read for itself: what is left of a broken one never swallows the next. Only the
+messages in `READERS` are decoded, each is checked for finite numbers and for its range before
+it becomes a value. What this does not do: decide whether the sender is the vehicle, or remember
+anything.
+
+Frame: MAVLink guide, "Packet Serialization", MAVLink 2. A signature is not checked, only skipped.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from pymavlink.dialects.v20 import common as dialect
+
+from autopilot.adapters.vehicle.heard import (
+    Answer,
+    Attitude,
+    Fix,
+    GimbalAttitude,
+    GimbalLimits,
+    Heard,
+    Heartbeat,
+    Position,
+    Rejected,
+    Sender,
+)
+from autopilot.adapters.vehicle.pointing import forward_and_right
+
+# The dialect lets an environment variable switch the checksum off; a node never may.
+dialect.MAVLINK_IGNORE_CRC = 0
+
+_DECODER = dialect.MAVLink(None)  # its `decode` keeps nothing from one frame to the next
+
+MAGIC = 0xFD
+HEADER_BYTES = 10
+CHECKSUM_BYTES = 2
+SIGNATURE_BYTES = 13
+SIGNED = 0x01
+
+LATITUDE_MAX_E7 = 900_000_000
+LONGITUDE_MAX_E7 = 1_800_000_000
+ALTITUDE_MM = range(-1_000_000, 100_000_001)  # below the Dead Sea, above any aircraft
+HEADING_UNKNOWN = 65535
+FIX_3D = 3
+ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
+YAW_LOCK, YAW_IN_VEHICLE, YAW_IN_EARTH = 16, 32, 64  # GIMBAL_DEVICE_FLAGS
+QUATERNION_NORM = (0.9, 1.1)
+
+
+class _Unfit(Exception):
+    """Carries the name of a rejection out of a reader."""
+
+
+def read(datagram: bytes) -> Iterator[Heard | Rejected]:
+    """Yield what a datagram holds, in its order. Messages that nobody here needs are passed over in silence."""
+    at = 0
+    while at < len(datagram):
+        frame = datagram[at:]
+        if frame[0] != MAGIC:
+            yield Rejected("garbage")
+            return
+        length = _length(frame)
+        if length is None or length > len(frame):
+            yield Rejected("truncated")
+            return
+        outcome = _message(frame[:length])
+        if outcome is not None:
+            yield outcome
+        at += length
+
+
+def _length(frame: bytes) -> int | None:
+    """Return the whole frame's length in bytes, or None where the header is cut."""
+    if len(frame) < HEADER_BYTES + CHECKSUM_BYTES:
+        return None
+    signature = SIGNATURE_BYTES if frame[2] & SIGNED else 0
+    return HEADER_BYTES + frame[1] + CHECKSUM_BYTES + signature
+
+
+def _message(frame: bytes) -> Heard | Rejected | None:
+    """Return what one frame says; None for a message that is of no interest."""
+    if frame[2] & ~SIGNED:
+        return Rejected("incompatible")
+    reader = READERS.get(int.from_bytes(frame[7:10], "little"))
+    if reader is None:
+        return None
+    try:
+        message = _DECODER.decode(bytearray(frame))
+    except dialect.MAVError:
+        return Rejected("bad checksum")
+    try:
+        return reader(message, Sender(system=frame[5], component=frame[6]))
+    except _Unfit as unfit:
+        return Rejected(str(unfit))
+
+
+def _finite(*values: float) -> None:
+    if not all(math.isfinite(value) for value in values):
+        raise _Unfit("not finite")
+
+
+def _within(holds: bool) -> None:
+    if not holds:
+        raise _Unfit("out of range")
+
+
+def _on_earth(latitude_e7: int, longitude_e7: int, *altitudes_mm: int) -> None:
+    """Zero in both means that the autopilot does not know where it is; no vehicle ever flies there."""
+    if latitude_e7 == 0 and longitude_e7 == 0:
+        raise _Unfit("no position")
+    _within(abs(latitude_e7) <= LATITUDE_MAX_E7 and abs(longitude_e7) <= LONGITUDE_MAX_E7)
+    _within(all(altitude in ALTITUDE_MM for altitude in altitudes_mm))
+
+
+def _heartbeat(message: Any, sender: Sender) -> Heartbeat | None:
+    """Pass on an autopilot's; ground stations and cameras say that they are none (MAVLink guide, Heartbeat)."""
+    if message.autopilot == NO_AUTOPILOT:
+        return None
+    _within(sender.system != 0 and sender.component != 0)
+    return Heartbeat(
+        sender=sender,
+        autopilot=message.autopilot,
+        vehicle_type=message.type,
+        armed=bool(message.base_mode & ARMED),
+        custom_mode=message.custom_mode,
+    )
+
+
+def _answer(message: Any, sender: Sender) -> Answer:
+    return Answer(
+        sender=sender,
+        command=message.command,
+        result=message.result,
+        progress=message.progress,
+        target=Sender(system=message.target_system, component=message.target_component),
+    )
+
+
+def _position(message: Any, sender: Sender) -> Position:
+    _on_earth(message.lat, message.lon, message.alt, message.relative_alt)
+    _within(message.hdg < 36_000 or message.hdg == HEADING_UNKNOWN)
+    return Position(
+        sender=sender,
+        boot_ms=message.time_boot_ms,
+        latitude_e7=message.lat,
+        longitude_e7=message.lon,
+        altitude_mm=message.alt,
+        height_mm=message.relative_alt,
+        north_cm_s=message.vx,
+        east_cm_s=message.vy,
+        down_cm_s=message.vz,
+        heading_cdeg=None if message.hdg == HEADING_UNKNOWN else message.hdg,
+    )
+
+
+def _attitude(message: Any, sender: Sender) -> Attitude:
+    _finite(message.roll, message.pitch, message.yaw, message.yawspeed)
+    _within(abs(message.yaw) <= 2 * math.pi and abs(message.yawspeed) <= 50)
+    return Attitude(
+        sender=sender,
+        boot_ms=message.time_boot_ms,
+        yaw_deg=math.degrees(message.yaw),
+        yaw_rate_deg_s=math.degrees(message.yawspeed),
+    )
+
+
+def _gimbal_attitude(message: Any, sender: Sender) -> GimbalAttitude:
+    """Frame of yaw: its flag; where neither is set YAW_LOCK tells it (MAVLink definition of message 285)."""
+    _finite(*message.q)
+    _within(QUATERNION_NORM[0] <= math.hypot(*message.q) <= QUATERNION_NORM[1])
+    pitch_deg, yaw_deg = forward_and_right(*message.q)
+    flags = message.flags
+    from_north = bool(flags & YAW_IN_EARTH) or (not flags & YAW_IN_VEHICLE and bool(flags & YAW_LOCK))
+    return GimbalAttitude(
+        sender=sender, boot_ms=message.time_boot_ms, pitch_deg=pitch_deg, yaw_deg=yaw_deg, from_north=from_north
+    )
+
+
+def _fix(message: Any, sender: Sender) -> Fix | None:
+    if message.fix_type < FIX_3D:
+        return None
+    _on_earth(message.lat, message.lon, message.alt)
+    return Fix(sender=sender, latitude_e7=message.lat, longitude_e7=message.lon, altitude_mm=message.alt)
+
+
+def _gimbal_limits(message: Any, sender: Sender) -> GimbalLimits:
+    """The message has radians, the command that uses them degrees."""
+    limits = (message.pitch_min, message.pitch_max, message.yaw_min, message.yaw_max)
+    _finite(*limits)
+    _within(limits[0] <= limits[1] and limits[2] <= limits[3] and all(abs(limit) <= 2 * math.pi for limit in limits))
+    pitch_min_deg, pitch_max_deg, yaw_min_deg, yaw_max_deg = (math.degrees(limit) for limit in limits)
+    return GimbalLimits(
+        sender=sender,
+        pitch_min_deg=pitch_min_deg,
+        pitch_max_deg=pitch_max_deg,
+        yaw_min_deg=yaw_min_deg,
+        yaw_max_deg=yaw_max_deg,
+    )
+
+
+READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
+    dialect.MAVLINK_MSG_ID_COMMAND_ACK: _answer,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _position,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: _attitude,
+    dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _gimbal_attitude,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _fix,
+    dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: _gimbal_limits,
+}

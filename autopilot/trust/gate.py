@@ -1,0 +1,384 @@
+"""The gate: what a message must pass before one byte of its content is believed.
+
+It authenticates, opens and decodes. Whether the sender may order what it orders (target, role,
+dedup, order sequence) is decided elsewhere, from a record. Nothing here answers a sender.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Generic, NoReturn, TypeVar
+
+from google.protobuf.message import DecodeError, Message
+
+from autopilot.trust import limits
+from autopilot.trust.clock import Clock, wall_ms
+from autopilot.trust.documents import (
+    DocumentError,
+    DocumentMalformed,
+    DocumentUnsigned,
+    is_canonical,
+    parse,
+    verify_token,
+)
+from autopilot.trust.envelope import (
+    VERSION,
+    MessageType,
+    ciphertext_limit,
+    envelope_limit,
+    open_sealed,
+    sealing_key,
+    signature_input,
+)
+from autopilot.trust.identity import Epoch, Identity
+from autopilot.trust.keys import SealBroken, SignatureInvalid, digest, key_id, verify
+from autopilot.trust.tally import Tally
+from autopilot.trust.window import ReplayWindow, TokenBucket
+from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, IdentityToken, PrincipalKind, SealedBody
+
+T = TypeVar("T")
+M = TypeVar("M", bound=Message)
+
+
+class Unreadable(Exception):
+    """A reader's word on an opened content that can't be used; the text names the field."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sender:
+    """Who signed, as the Directory's token says it."""
+
+    principal_id: str
+    callsign: str
+    kind: PrincipalKind.ValueType
+    roles: tuple[str, ...]
+    public_key: bytes
+    device_key_id: bytes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sealed:
+    """A message that was authenticated and opened. Times are milliseconds, wall or left from now."""
+
+    sender: Sender
+    key_expr: str
+    nonce: bytes
+    issued_at_ms: int
+    ttl_ms: int
+    life_ms: int  # what is left of the message's own life; 0 inside the allowance for skew
+    nonce_life_ms: int  # for how long the nonce must be remembered
+    digest: bytes  # BLAKE2b-256 of the signature input; an answer names it
+    in_reply_to: bytes
+    revocation_version: int
+    plaintext: bytes  # salt and sealed body; its SHA-256 is in the signed header
+    envelope: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Opened(Generic[T]):
+    """Passed; `value` is what the reader made of `content`."""
+
+    message: Sealed
+    order_seq: int
+    content: bytes
+    value: T
+
+
+@dataclass(frozen=True, slots=True)
+class Malformed:
+    """Authentic, but its content can't be read. The only failure that may be answered."""
+
+    message: Sealed
+    because: str
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """Dropped in silence; `reason` is the counter's name."""
+
+    reason: str
+
+
+class _Drop(Exception):
+    """Leaves the gate for the counter that it names."""
+
+
+def _drop(reason: str) -> NoReturn:
+    raise _Drop(reason)
+
+
+class Gate(Generic[T]):
+    """Judges messages of one type, in this order; each step has its own counters.
+
+    1.  rate: the token bucket of the link                                  rate
+    2.  size, then the container: strict parse, lengths of its parts        size parse_env noncanonical_env
+                                                                            shape version
+    3.  header: strict parse, type, lengths                                 parse_hdr noncanonical_hdr type shape
+    4.  route: signed key is the key it came on, and one of ours            route deployment
+    5.  clock: life within its cap, not from the future, not too old        ttl clock_future clock_stale
+    6.  nonce not seen yet (a look, nothing is written)                     replay
+    7.  token: digest, then cache or the Directory's signature              token_digest parse_token token_sig
+    8.  token and header belong together; kind, validity, policy            token_binding token_kind token_expired
+                                                                            policy_old classification
+    9.  the device's signature                                              device_sig
+    10. revocation of principal, device key and token                       revoked
+    11. epoch known and in use                                              unknown_epoch epoch_retired
+    12. open, then the header's commitment to the plaintext                 open commitment
+    13. the nonce is remembered; a full window refuses                      window_full
+    14. decode: sealed body, then the reader's content                      (malformed)
+
+    Steps 1 to 6 cost microseconds and stand before the signature for that reason; verification
+    still comes before opening, and opening before decoding (seed 000, Node verification
+    pipeline). Nothing that is not authenticated changes a table: the token cache grows after the
+    Directory's signature, the window after the open. Anything unforeseen is `internal`.
+    """
+
+    def __init__(
+        self,
+        identity: Identity,
+        message_type: MessageType,
+        *,
+        kinds: frozenset[PrincipalKind.ValueType],
+        is_ours: Callable[[str], bool],
+        reader: Callable[[Sealed, bytes], T],
+        clock: Clock,
+        samples_per_s: float = 200,
+        samples_burst: int = 50,
+    ) -> None:
+        """Make a gate.
+
+        `kinds` may sign this type; `is_ours` says whether a key expression is one that this
+        receiver listens on; `reader` decodes and checks the content or raises Unreadable.
+        """
+        self._identity = identity
+        self._type = message_type
+        self._kinds = kinds
+        self._is_ours = is_ours
+        self._reader = reader
+        self._clock = clock
+        self._bucket = TokenBucket(samples_per_s, samples_burst)
+        self._window = ReplayWindow()
+        self._tokens: OrderedDict[bytes, IdentityToken] = OrderedDict()
+        self._tally = Tally()
+        self._lock = threading.Lock()
+
+    def tally(self) -> Tally:
+        """Return a copy of the counts; safe from any thread."""
+        with self._lock:
+            return self._tally.copy()
+
+    def restore(self, entries: Iterable[tuple[bytes, bytes, int]]) -> None:
+        """Fill the replay window from the log: (device_key_id, nonce, milliseconds that remain)."""
+        with self._lock:
+            self._window.restore(entries, wall_ms(self._clock))
+
+    def judge(self, key_expr: str, payload: bytes) -> Opened[T] | Malformed | Rejected:
+        """Judge one message that arrived on `key_expr`. Never raises; counts it exactly once."""
+        with self._lock:
+            verdict = self._judged(key_expr, payload)
+            self._tally.received += 1
+            if isinstance(verdict, Rejected):
+                self._tally.rejected[verdict.reason] += 1
+            elif isinstance(verdict, Malformed):
+                self._tally.malformed += 1
+            else:
+                self._tally.opened += 1
+            return verdict
+
+    def _judged(self, key_expr: str, payload: bytes) -> Opened[T] | Malformed | Rejected:
+        try:
+            message = self._authenticated(key_expr, payload)
+            # 14. Decode.
+            try:
+                return self._decoded(message)
+            except Unreadable as error:
+                return Malformed(message, str(error))
+        except _Drop as drop:
+            return Rejected(str(drop))
+        except Exception:  # noqa: BLE001 - the boundary: an insider's odd input must not stop the receiver
+            return Rejected("internal")
+
+    def _authenticated(self, key_expr: str, payload: bytes) -> Sealed:
+        """Steps 1 to 13."""
+        now_ms = wall_ms(self._clock)
+        # 1. Rate.
+        if not self._bucket.take(self._clock.mono_ns()):
+            _drop("rate")
+        # 2. Container.
+        envelope = self._container(payload)
+        # 3. Header.
+        header = self._header(envelope)
+        # 4. Route.
+        if header.key_expr != key_expr or not self._is_ours(key_expr):
+            _drop("route")
+        if header.deployment_id != self._identity.deployment_id:
+            _drop("deployment")
+        # 5. Clock.
+        self._check_clock(header, now_ms)
+        # 6. Nonce, read only.
+        if self._window.seen(header.device_key_id, header.nonce):
+            _drop("replay")
+        # 7. Token.
+        token = self._token(header, envelope.token)
+        # 8. Token and header.
+        self._check_binding(header, token, now_ms)
+        # 9. Device signature.
+        signed = signature_input(envelope.header, envelope.token, envelope.ciphertext)
+        try:
+            verify(token.device_sign_pk, signed, envelope.device_signature)
+        except SignatureInvalid:
+            _drop("device_sig")
+        # 10. Revocation.
+        if self._identity.revocations.covers(token):
+            _drop("revoked")
+        # 11. Epoch.
+        epoch = self._epoch(header.epoch_id, now_ms)
+        # 12. Open.
+        plaintext = self._opened(header, envelope, epoch)
+        # 13. Remember the nonce.
+        if not self._window.has_room(header.device_key_id, now_ms):
+            _drop("window_full")
+        forget_ms = header.issued_at_ms + header.ttl_ms + 2 * limits.SKEW_MS
+        self._window.insert(header.device_key_id, header.nonce, forget_ms)
+        return Sealed(
+            sender=_sender(token, header.device_key_id),
+            key_expr=key_expr,
+            nonce=header.nonce,
+            issued_at_ms=header.issued_at_ms,
+            ttl_ms=header.ttl_ms,
+            life_ms=min(header.ttl_ms, max(0, header.issued_at_ms + header.ttl_ms - now_ms)),
+            nonce_life_ms=forget_ms - now_ms,
+            digest=digest(signed),
+            in_reply_to=header.in_reply_to,
+            revocation_version=header.revocation_version,
+            plaintext=plaintext,
+            envelope=payload,
+        )
+
+    def _container(self, payload: bytes) -> AuthEnvelope:
+        if not limits.ENVELOPE_BYTES_MIN <= len(payload) <= envelope_limit(self._type):
+            _drop("size")
+        envelope = _parsed(AuthEnvelope, payload, "env")
+        if not 0 < len(envelope.header) <= limits.HEADER_BYTES_MAX:
+            _drop("shape")
+        if not 0 < len(envelope.token) <= limits.TOKEN_BYTES_MAX:
+            _drop("shape")
+        if not limits.TAG_BYTES < len(envelope.ciphertext) <= ciphertext_limit(self._type):
+            _drop("shape")
+        if len(envelope.device_signature) != limits.SIGNATURE_BYTES:
+            _drop("shape")
+        if envelope.v != VERSION:
+            _drop("version")
+        return envelope
+
+    def _header(self, envelope: AuthEnvelope) -> EnvelopeHeader:
+        header = _parsed(EnvelopeHeader, envelope.header, "hdr")
+        if header.type != self._type:
+            _drop("type")
+        lengths = (
+            (len(header.device_key_id), limits.KEY_ID_BYTES),
+            (len(header.token_digest), limits.KEY_BYTES),
+            (len(header.nonce), limits.NONCE_BYTES),
+            (len(header.body_commitment), limits.KEY_BYTES),
+        )
+        if any(length != wanted for length, wanted in lengths) or len(header.in_reply_to) not in (0, limits.KEY_BYTES):
+            _drop("shape")
+        if int.from_bytes(header.nonce[:8], "little") != header.seq or len(header.node_challenge) not in (0, 16):
+            _drop("shape")
+        texts = (header.key_expr, header.owner_principal_id, header.deployment_id)
+        if any(len(text) > limits.TEXT_CHARACTERS_MAX for text in texts):
+            _drop("shape")
+        return header
+
+    def _check_clock(self, header: EnvelopeHeader, now_ms: int) -> None:
+        if not 0 < header.ttl_ms <= limits.TTL_MS_MAX:
+            _drop("ttl")
+        if header.issued_at_ms > now_ms + limits.SKEW_MS:
+            _drop("clock_future")
+        if now_ms > header.issued_at_ms + header.ttl_ms + limits.SKEW_MS:
+            _drop("clock_stale")
+
+    def _token(self, header: EnvelopeHeader, data: bytes) -> IdentityToken:
+        if digest(data) != header.token_digest:
+            _drop("token_digest")
+        token = self._tokens.get(header.token_digest)
+        if token is not None:
+            self._tokens.move_to_end(header.token_digest)
+            return token
+        try:
+            token = verify_token(data, self._identity.trust)
+        except DocumentUnsigned:
+            _drop("token_sig")
+        except DocumentError:
+            _drop("parse_token")
+        self._tokens[header.token_digest] = token
+        if len(self._tokens) > limits.TOKEN_CACHE:
+            self._tokens.popitem(last=False)
+        return token
+
+    def _check_binding(self, header: EnvelopeHeader, token: IdentityToken, now_ms: int) -> None:
+        if header.device_key_id != key_id(token.device_sign_pk):
+            _drop("token_binding")
+        if header.owner_principal_id not in ("", token.principal_id):
+            _drop("token_binding")
+        if token.kind not in self._kinds:
+            _drop("token_kind")
+        if not token.not_before_ms - limits.SKEW_MS <= now_ms <= token.not_after_ms:
+            _drop("token_expired")
+        if token.policy_version < self._identity.revocations.min_policy_version:
+            _drop("policy_old")
+        if header.classification > token.max_classification:
+            _drop("classification")
+
+    def _epoch(self, epoch_id: int, now_ms: int) -> Epoch:
+        epoch = self._identity.epochs.get(epoch_id)
+        if epoch is None:
+            _drop("unknown_epoch")
+        in_use = epoch.not_before_ms - limits.SKEW_MS <= now_ms <= epoch.retire_at_ms + limits.OVERLAP_MS
+        if not in_use or epoch_id < self._identity.revocations.min_epoch_id:
+            _drop("epoch_retired")
+        return epoch
+
+    def _opened(self, header: EnvelopeHeader, envelope: AuthEnvelope, epoch: Epoch) -> bytes:
+        key = sealing_key(self._type, epoch, header.device_key_id)
+        try:
+            plaintext = open_sealed(key, header.nonce, envelope.header, envelope.ciphertext)
+        except SealBroken:
+            _drop("open")
+        if hashlib.sha256(plaintext).digest() != header.body_commitment:
+            _drop("commitment")
+        return plaintext
+
+    def _decoded(self, message: Sealed) -> Opened[T]:
+        """Step 14. Raises Unreadable."""
+        try:
+            body = parse(SealedBody, message.plaintext[limits.SALT_BYTES :])
+        except DocumentMalformed as error:
+            raise Unreadable(str(error)) from error
+        return Opened(message, body.order_seq, body.content, self._reader(message, body.content))
+
+
+def _parsed(message: type[M], data: bytes, part: str) -> M:
+    parsed = message()
+    try:
+        parsed.ParseFromString(data)
+    except DecodeError:
+        _drop(f"parse_{part}")
+    if not is_canonical(parsed, data):
+        _drop(f"noncanonical_{part}")
+    return parsed
+
+
+def _sender(token: IdentityToken, device_key_id: bytes) -> Sender:
+    return Sender(
+        principal_id=token.principal_id,
+        callsign=token.callsign,
+        kind=token.kind,
+        roles=tuple(token.roles),
+        public_key=token.device_sign_pk,
+        device_key_id=device_key_id,
+    )

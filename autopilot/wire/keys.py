@@ -1,0 +1,137 @@
+"""Every Zenoh key expression in one table: which way it goes, how often, what it carries, whether it is recorded.
+
+Building and taking apart keys is all that happens here; who listens where is the adapters' business.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+PREFIX = "waypoint/global"
+
+
+class Direction(Enum):
+    """Which way a message goes, seen from the node."""
+
+    IN = "in"
+    OUT = "out"
+
+
+class Delivery(Enum):
+    """What Zenoh is asked to do with a message when the link is slow."""
+
+    BLOCK = "reliable, block, high priority"  # nothing is dropped; the sender waits
+    DROP = "reliable, drop, normal priority"  # the newest replaces what could not leave
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """One row of the table."""
+
+    name: str
+    pattern: str  # with <node> and <cmd_id> as the seed writes them
+    direction: Direction
+    envelope_type: int
+    content: str  # message of package waypoint.v1 that is sealed inside
+    rate_hz: float | None  # None: as people order
+    delivery: Delivery
+    input_class: str | None  # class of the node's inbox; None: the node does not take it in
+    recorded: bool
+    says: str
+
+
+ORDERS = Channel(
+    name="orders",
+    pattern=f"{PREFIX}/cmd/<node>/<cmd_id>",
+    direction=Direction.IN,
+    envelope_type=1,
+    content="DeviceCommand",
+    rate_hz=None,
+    delivery=Delivery.BLOCK,
+    input_class="order",
+    recorded=True,
+    says="An order for one node; re-published as fresh envelopes while it lives.",
+)
+ACKS = Channel(
+    name="acks",
+    pattern=f"{PREFIX}/ack/<node>/<cmd_id>",
+    direction=Direction.OUT,
+    envelope_type=2,
+    content="CommandAck",
+    rate_hz=None,
+    delivery=Delivery.BLOCK,
+    input_class=None,
+    recorded=True,
+    says="The node's answer to one envelope of an order.",
+)
+STATUS = Channel(
+    name="status",
+    pattern=f"{PREFIX}/status/<node>",
+    direction=Direction.OUT,
+    envelope_type=3,
+    content="NodeStatus",
+    rate_hz=1.0,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="What the node says of itself, once a second and on change; upkeep, not an effect.",
+)
+CHANNELS = (ORDERS, ACKS, STATUS)
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A key of orders or acks taken apart."""
+
+    node: str
+    command_id: str
+
+
+def order_key(node: str, command_id: str) -> str:
+    """Key that an order for `node` is published on."""
+    return f"{PREFIX}/cmd/{node}/{command_id}"
+
+
+def ack_key(node: str, command_id: str) -> str:
+    """Key that `node` answers an order on."""
+    return f"{PREFIX}/ack/{node}/{command_id}"
+
+
+def status_key(node: str) -> str:
+    """Key that `node` publishes its status on."""
+    return f"{PREFIX}/status/{node}"
+
+
+def orders_of(node: str) -> str:
+    """Key expression of every order for `node`."""
+    return f"{PREFIX}/cmd/{node}/**"
+
+
+def acks_of(node: str) -> str:
+    """Key expression of every ack of `node`."""
+    return f"{PREFIX}/ack/{node}/*"
+
+
+def order_address(key_expr: str) -> Address | None:
+    """Take an order's key apart; None when it is no such key."""
+    return _address(key_expr, "cmd")
+
+
+def ack_address(key_expr: str) -> Address | None:
+    """Take an ack's key apart; None when it is no such key."""
+    return _address(key_expr, "ack")
+
+
+def status_node(key_expr: str) -> str | None:
+    """Return the node whose status is published on `key_expr`; None when it is no such key."""
+    head, _, node = key_expr.rpartition("/")
+    return node if head == f"{PREFIX}/status" and node else None
+
+
+def _address(key_expr: str, verb: str) -> Address | None:
+    head, _, rest = key_expr.partition(f"/{verb}/")
+    node, _, command_id = rest.partition("/")
+    if head != PREFIX or not node or not command_id or "/" in command_id:
+        return None
+    return Address(node, command_id)

@@ -1,0 +1,61 @@
+"""The hash chain over a flight. What is hashed here can never change later.
+
+    leaf = SHA-256(0x00 || header || SHA-256(salt || body))
+
+The header is fixed-width, big-endian, and ends with the leaf before, so the leaves are a chain; 0x00 is
+the leaf prefix of RFC 9162, so they are also the leaves of its tree. The salt of a record is
+BLAKE2b-128(key = secret of the flight, LE64(seq)): a body that is removed later can't be guessed from its hash.
+"""
+
+from __future__ import annotations
+
+import struct
+from hashlib import blake2b, sha256
+
+from events.records import Moment, Stored
+
+LEAF_BYTES = 32
+SALT_BYTES = 16
+SECRET_BYTES = 32
+FLIGHT_ID_BYTES = 16
+FIRST_LEAF_BEFORE = bytes(LEAF_BYTES)
+
+# flight_id 16 bytes, seq u64, cause i64, flight_ns u64, mono_ns u64, boot u32, wall_ns i64,
+# clock_quality u8, kind u16, version u8, leaf before 32 bytes
+HEADER = struct.Struct(">16sQqQQIqBHB32s")
+_LE64 = struct.Struct("<Q")
+
+
+class ChainBroken(ValueError):
+    """A stored leaf is not the hash of its record."""
+
+
+def salt_of(secret: bytes, seq: int) -> bytes:
+    """Return the 16-byte salt of record `seq` under the flight's 32-byte secret."""
+    return blake2b(_LE64.pack(seq), digest_size=SALT_BYTES, key=secret).digest()
+
+
+class Chain:
+    """The chain of one flight: knows the leaf before, gives the leaf of the record after."""
+
+    __slots__ = ("_flight_id", "_secret", "leaf")
+
+    def __init__(self, flight_id: bytes, secret: bytes, leaf: bytes = FIRST_LEAF_BEFORE) -> None:
+        self._flight_id = flight_id
+        self._secret = secret
+        self.leaf = leaf
+
+    def extend(self, seq: int, cause: int, at: Moment, kind_number: int, version: int, body: bytes) -> bytes:
+        """Return the 32-byte leaf of the next record, and go on from it."""
+        header = HEADER.pack(self._flight_id, seq, cause, *at, kind_number, version, self.leaf)
+        body_hash = sha256(salt_of(self._secret, seq) + body).digest()
+        self.leaf = sha256(b"\x00" + header + body_hash).digest()
+        return self.leaf
+
+    def check(self, stored: Stored) -> None:
+        """Go on over a stored record. Raises ChainBroken where its leaf is not what its content gives."""
+        before = self.leaf
+        leaf = self.extend(stored.seq, stored.cause, stored.at, stored.kind_number, stored.version, stored.body)
+        if leaf != stored.leaf:
+            self.leaf = before
+            raise ChainBroken(f"record {stored.seq}: its leaf is not the hash of its content and the leaf before")

@@ -1,0 +1,60 @@
+"""A store in memory: for tests and for what-if. It forgets everything when it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from events.chain import FIRST_LEAF_BEFORE, Chain
+from events.records import Record, Stored
+from events.store.protocol import Head, StoreFailed
+
+
+class MemoryStore:
+    """Holds one flight in a list."""
+
+    def __init__(self, flight_id: bytes, secret: bytes) -> None:
+        self._flight_id = flight_id
+        self._secret = secret
+        self._rows: list[Stored] = []
+        self._chain = Chain(flight_id, secret)
+        self._closed = False
+
+    @property
+    def flight_id(self) -> bytes:
+        """The 16 bytes that identify the flight."""
+        return self._flight_id
+
+    @property
+    def secret(self) -> bytes:
+        """The 32 bytes that the salts derive from."""
+        return self._secret
+
+    @property
+    def head(self) -> Head:
+        """The last record's seq and leaf."""
+        return Head(len(self._rows) - 1, self._rows[-1].leaf if self._rows else FIRST_LEAF_BEFORE)
+
+    def append(self, records: Sequence[Record]) -> Head:
+        """Keep the records. Raises ValueError on a gap, StoreFailed when closed."""
+        if self._closed:
+            raise StoreFailed("the store is closed")
+        expected = range(len(self._rows), len(self._rows) + len(records))
+        if [record.seq for record in records] != list(expected):
+            raise ValueError(f"records must go on at seq {expected.start} without a gap")
+        for record in records:
+            fields = (record.seq, record.cause, record.at, record.kind.number, record.version, record.body)
+            self._rows.append(Stored(*fields, leaf=self._chain.extend(*fields)))
+        return self.head
+
+    def stored(self, start: int = 0, stop: int | None = None) -> Iterator[Stored]:
+        """Yield the rows with start <= seq < stop."""
+        if self._closed:
+            raise StoreFailed("the store is closed")
+        yield from self._rows[start:stop]
+
+    def idle(self) -> None:
+        """Nothing waits in memory."""
+
+    def close(self) -> None:
+        """Take nothing more."""
+        self._closed = True

@@ -1,0 +1,204 @@
+"""The log of one flight in SQLite, through apsw: WAL, synchronous=FULL, one writing connection.
+
+In this process no other SQLite library and no plain open() may ever touch the file: closing a foreign
+descriptor drops POSIX locks. Pragmas are set and then asserted, for a compiled default is not a promise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import apsw
+
+from events.chain import FIRST_LEAF_BEFORE, Chain
+from events.records import Moment, Record, Stored
+from events.store.protocol import Head, StoreFailed, StoreMissing
+
+# The WAL-reset race (3.7.0 to 3.51.2) corrupts a database that has two connections, and readers have their own.
+OLDEST_SQLITE = 3_051_003
+# Moved into the database while idle, from this many pages on; 256 pages are 1 MiB.
+IDLE_PAGES = 256
+# Moved into the database even under load: a WAL of 16 MiB still opens in well under a second.
+LOADED_PAGES = 4096
+
+_SCHEMA = """
+CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID;
+CREATE TABLE record (
+    seq INTEGER PRIMARY KEY,
+    cause INTEGER NOT NULL,
+    flight_ns INTEGER NOT NULL,
+    mono_ns INTEGER NOT NULL,
+    boot INTEGER NOT NULL,
+    wall_ns INTEGER NOT NULL,
+    clock_quality INTEGER NOT NULL,
+    kind INTEGER NOT NULL,
+    version INTEGER NOT NULL,
+    body BLOB NOT NULL,
+    leaf BLOB NOT NULL
+);
+"""
+_INSERT = "INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_SELECT = "SELECT * FROM record WHERE seq >= ? AND seq < ? ORDER BY seq"
+_END = (1 << 63) - 1
+
+_PRAGMAS = {
+    "journal_mode": "wal",
+    "synchronous": 2,  # FULL: a commit is durable when it returns
+    "foreign_keys": 1,
+    "trusted_schema": 0,
+    "mmap_size": 0,  # a write error must be an error, not a signal
+    "wal_autocheckpoint": 0,  # checkpoints happen where we say, not in an order's commit
+}
+
+
+class SqliteReader:
+    """Reads a flight's database through a read-only connection of its own."""
+
+    def __init__(self, path: Path) -> None:
+        """Open `path` read-only. Raises StoreMissing and StoreFailed."""
+        if not path.exists():
+            raise StoreMissing(f"there is no log at {path}")
+        self._connection = _connect(path, apsw.SQLITE_OPEN_READONLY)
+        self.flight_id, self.secret = _identity(self._connection)
+
+    @property
+    def head(self) -> Head:
+        """The last durable record's seq and leaf."""
+        return _head(self._connection)
+
+    def stored(self, start: int = 0, stop: int | None = None) -> Iterator[Stored]:
+        """Yield the rows with start <= seq < stop."""
+        return _stored(self._connection, start, stop)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._connection.close()
+
+
+class SqliteStore:
+    """The one writer of a flight's database. Belongs to the thread that made it."""
+
+    def __init__(self, path: Path) -> None:
+        """Open an existing database for writing. Raises StoreMissing and StoreFailed."""
+        if not path.exists():
+            raise StoreMissing(f"there is no log at {path}")
+        self._connection = _connect(path, apsw.SQLITE_OPEN_READWRITE)
+        self._broken = False
+        self._wal_pages = 0
+        _set_pragmas(self._connection)
+        self._connection.set_wal_hook(self._committed)
+        self.flight_id, self.secret = _identity(self._connection)
+        self.head = _head(self._connection)
+        self._chain = Chain(self.flight_id, self.secret, self.head.leaf)
+
+    @classmethod
+    def create(cls, path: Path, flight_id: bytes, secret: bytes) -> SqliteStore:
+        """Make the database of a new flight. Raises StoreFailed, also where the file exists."""
+        if path.exists():
+            raise StoreFailed(f"{path} is there already: a flight is never written over")
+        connection = _connect(path, apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_CREATE)
+        try:
+            _set_pragmas(connection)
+            with connection:
+                connection.execute(_SCHEMA)
+                meta = {"flight_id": flight_id, "secret": secret}
+                connection.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
+        except apsw.Error as error:
+            raise StoreFailed(f"{path}: {error}") from error
+        finally:
+            connection.close()
+        return cls(path)
+
+    def append(self, records: Sequence[Record]) -> Head:
+        """Commit the records in one durable transaction. Raises ValueError on a gap, StoreFailed."""
+        if self._broken:
+            raise StoreFailed("the store failed before and takes nothing more")
+        rows = list(self._rows_of(records))
+        try:
+            with self._connection:
+                self._connection.executemany(_INSERT, rows)
+        except (apsw.Error, OSError) as error:
+            self._broken = True
+            raise StoreFailed(f"the log could not be written: {error}") from error
+        self.head = Head(self.head.seq + len(rows), self._chain.leaf)
+        if self._wal_pages >= LOADED_PAGES:
+            self._checkpoint()
+        return self.head
+
+    def stored(self, start: int = 0, stop: int | None = None) -> Iterator[Stored]:
+        """Yield the rows with start <= seq < stop."""
+        return _stored(self._connection, start, stop)
+
+    def idle(self) -> None:
+        """Move the WAL into the database when it has grown."""
+        if self._wal_pages >= IDLE_PAGES and not self._broken:
+            self._checkpoint()
+
+    def close(self) -> None:
+        """Close the connection; SQLite moves the WAL into the database."""
+        self._connection.close()
+
+    def _rows_of(self, records: Sequence[Record]) -> Iterator[tuple[int | bytes, ...]]:
+        expected = self.head.seq
+        for record in records:
+            expected += 1
+            if record.seq != expected:
+                self._chain.leaf = self.head.leaf
+                raise ValueError(f"record {record.seq} does not follow: the log goes on at seq {expected}")
+            at, number = record.at, record.kind.number
+            leaf = self._chain.extend(record.seq, record.cause, at, number, record.version, record.body)
+            yield (record.seq, record.cause, *at, number, record.version, record.body, leaf)
+
+    def _committed(self, _connection: apsw.Connection, _name: str, pages: int) -> int:
+        self._wal_pages = pages
+        return apsw.SQLITE_OK
+
+    def _checkpoint(self) -> None:
+        try:
+            self._connection.wal_checkpoint(mode=apsw.SQLITE_CHECKPOINT_PASSIVE)
+        except apsw.Error as error:
+            self._broken = True
+            raise StoreFailed(f"the log could not be moved out of its WAL: {error}") from error
+        self._wal_pages = 0
+
+
+def _connect(path: Path, flags: int) -> apsw.Connection:
+    if apsw.SQLITE_VERSION_NUMBER < OLDEST_SQLITE:
+        raise StoreFailed(f"SQLite {apsw.sqlite_lib_version()} has the WAL-reset bug; 3.51.3 or newer is needed")
+    try:
+        connection = apsw.Connection(str(path), flags=flags)
+        connection.set_busy_timeout(2000)
+    except apsw.Error as error:
+        raise StoreFailed(f"{path}: {error}") from error
+    return connection
+
+
+def _set_pragmas(connection: apsw.Connection) -> None:
+    for name, wanted in _PRAGMAS.items():
+        connection.pragma(name, wanted)
+        if (found := connection.pragma(name)) != wanted:
+            raise StoreFailed(f"PRAGMA {name} is {found!r} and can't be made {wanted!r} on this file system")
+
+
+def _identity(connection: apsw.Connection) -> tuple[bytes, bytes]:
+    try:
+        rows: Any = connection.execute("SELECT value FROM meta WHERE name IN ('flight_id', 'secret') ORDER BY name")
+        (flight_id,), (secret,) = rows.fetchall()
+        return flight_id, secret
+    except (apsw.Error, ValueError) as error:
+        raise StoreFailed(f"this is not the log of a flight: {error}") from error
+
+
+def _head(connection: apsw.Connection) -> Head:
+    row = connection.execute("SELECT seq, leaf FROM record ORDER BY seq DESC LIMIT 1").fetchone()
+    return Head(-1, FIRST_LEAF_BEFORE) if row is None else Head(row[0], bytes(row[1]))
+
+
+def _stored(connection: apsw.Connection, start: int, stop: int | None) -> Iterator[Stored]:
+    try:
+        for row in connection.execute(_SELECT, (start, _END if stop is None else stop)):
+            yield Stored(row[0], row[1], Moment(*row[2:7]), row[7], row[8], row[9], row[10])
+    except apsw.Error as error:
+        raise StoreFailed(f"the log could not be read: {error}") from error

@@ -1,0 +1,86 @@
+"""What a flight hands over to the next: a pure function of the state (design: baseline).
+
+Its inverse is `load_carried`; a test proves that the new flight's first state equals what was carried.
+"""
+
+from __future__ import annotations
+
+from events.schema.state_pb2 import (
+    CarriedAck,
+    CarriedIgnored,
+    CarriedNonce,
+    CarriedObject,
+    CarriedOrder,
+    CarriedOrderSeq,
+    CarriedState,
+)
+from statecharts.charts.command import FINAL
+from statecharts.facts import Order
+from statecharts.state import State
+
+NS_PER_MS = 1_000_000
+
+
+def carry_over(state: State, now_ns: int) -> CarriedState:
+    """Return what outlives the flight at `now_ns`; lives are carried as what is left of them."""
+    carried = CarriedState(
+        orders=[_order(order, now_ns) for order in state.orders.values()],
+        nonces=[
+            CarriedNonce(device_key_id=key[0], nonce=key[1], keep_ms=_left_ms(until_ns, now_ns))
+            for key, until_ns in state.nonces.items()
+            if until_ns > now_ns
+        ],
+        order_seqs=[CarriedOrderSeq(device_key_id=key, order_seq=newest) for key, newest in state.order_seqs.items()],
+        objects=[
+            CarriedObject(
+                number=thing.number,
+                class_name=thing.class_name,
+                class_group=thing.class_group,
+                place=thing.spot.place,
+                confidence_e4=thing.confidence_e4,
+                sightings=thing.sightings,
+            )
+            for thing in state.objects.values()
+        ],
+        ignored=[
+            CarriedIgnored(
+                poi_id=item.poi_id,
+                class_group=item.class_group,
+                place=item.spot.place,
+                principal_id=item.principal_id,
+                muted=item.muted,
+            )
+            for item in state.ignored.values()
+        ],
+        unanswered=[_owed(order) for key, order in state.orders.items() if _is_owed(state, key, order)],
+    )
+    if state.origin.value is not None:
+        carried.origin.CopyFrom(state.origin.value.place)
+    return carried
+
+
+def _order(order: Order, now_ns: int) -> CarriedOrder:
+    carried = CarriedOrder(
+        principal_id=order.principal_id,
+        command_id=order.command_id,
+        body_digest=order.digest,
+        chart_state=order.state,
+        detail=order.detail,
+        keep_ms=_left_ms(order.keep_until_ns, now_ns),
+    )
+    if order.mav_result is not None:
+        carried.mav_result = order.mav_result
+    return carried
+
+
+def _is_owed(state: State, key: str, order: Order) -> bool:
+    return order.state not in FINAL or any(owed == key for owed in state.owed_acks.values())
+
+
+def _owed(order: Order) -> CarriedAck:
+    return CarriedAck(command_id=order.command_id, principal_id=order.principal_id, in_reply_to=order.in_reply_to)
+
+
+def _left_ms(until_ns: int, now_ns: int) -> int:
+    """Return what is left, rounded up: rather kept a millisecond too long than too short."""
+    return max(until_ns - now_ns + NS_PER_MS - 1, 0) // NS_PER_MS

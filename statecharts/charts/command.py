@@ -1,0 +1,227 @@
+"""Chart `command`: the life of an operator's order on this node (seed 000, Node verification pipeline).
+
+Theory of operation. The edge has verified, opened and decoded; from the target check on an order is judged here, in
+the seed's order of gates: target, reception, role, repeat, sequence, then what the order asks. An order that passes is
+`intended`, and only then, in the same durable step, an effect asks the vehicle for it. What the vehicle answers moves
+it on; a final answer never changes. Every order gets exactly one final result of five, and every arrival gets an
+answer: a repeat is told the stored result, a repeat with another body is refused and changes nothing.
+
+It must never perform an order twice. So an order that is found without an outcome at a start of the daemon is not sent
+again: what became of it is unknown, and that is the answer. An answer that is not known to have left is given again.
+
+Numbers of an order count for its sender's device: an older order that arrives after a newer one must not undo it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from events.schema.orders_pb2 import OrderReceived
+from statecharts.facts import Arrival, Order
+from statecharts.state import State
+from statecharts.table import Chart, Row, ignore, move, refuse
+
+FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
+UNDERWAY = ("intended", "sent", "in_progress")
+
+MAV_ACCEPTED = 0
+MAV_UNSUPPORTED = 3
+MAV_IN_PROGRESS = 5
+# Answers that say "not in this form, or not at all" (MAVLink common.xml, MAV_RESULT): 3, 7, 8, 9.
+MAV_UNSUPPORTED_ALL = (3, 7, 8, 9)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the guards look at."""
+
+    order: Order
+    state: State
+    now_ns: int
+    arrival: Arrival | None = None
+    received: OrderReceived | None = None
+    mav_result: int = -1
+    because: str = ""
+
+
+def other_node(facts: Facts) -> bool:
+    """The order is bound to another node's key."""
+    asked = facts.received
+    return asked is None or asked.target_public_key != facts.state.flight.node_public_key
+
+
+def reception_off(facts: Facts) -> bool:
+    """Orders are switched off on this node."""
+    return not facts.state.flight.limits.command_enabled
+
+
+def role_missing(facts: Facts) -> bool:
+    """None of the issuer's roles may point the camera; an empty list allows nobody."""
+    asked = facts.received
+    return asked is None or facts.state.flight.camera_roles.isdisjoint(asked.issuer.roles)
+
+
+def replayed(facts: Facts) -> bool:
+    """The envelope's nonce was seen before: the gate let through what it must not."""
+    return facts.arrival is not None and facts.arrival.replayed
+
+
+def older(facts: Facts) -> bool:
+    """A newer order of the same device came first."""
+    return facts.arrival is not None and facts.arrival.order_seq <= facts.arrival.newest_seq
+
+
+def safe_mode(facts: Facts) -> bool:
+    """The node is in safe mode."""
+    return facts.state.health.value != "normal"
+
+
+def too_late(facts: Facts) -> bool:
+    """The order's life is over."""
+    return facts.order.expires_ns <= facts.now_ns
+
+
+def unknown_verb(facts: Facts) -> bool:
+    """The order is of a variant that this node does not know."""
+    return not facts.order.verb
+
+
+def no_such_camera(facts: Facts) -> bool:
+    """The order names a camera that is not on board, or one that nothing turns."""
+    if facts.order.verb not in ("point", "release"):
+        return False
+    return not facts.state.flight.gimbal_of.get(facts.order.camera)
+
+
+def null_place(facts: Facts) -> bool:
+    """The place is 0, 0, 0: an autopilot would take it for "cancel"."""
+    if facts.received is None or facts.received.WhichOneof("order") != "point_at_place":
+        return False
+    place = facts.received.point_at_place.place
+    return not (place.latitude_e7 or place.longitude_e7 or place.altitude_mm)
+
+
+def unknown_poi(facts: Facts) -> bool:
+    """The point of interest was never put to an operator."""
+    poi = facts.state.pois.get(facts.order.poi_id)
+    return facts.order.verb == "judge" and (poi is None or poi.state in ("enqueued", "suppressed"))
+
+
+def poi_over(facts: Facts) -> bool:
+    """The point of interest no longer waits for a decision."""
+    poi = facts.state.pois.get(facts.order.poi_id)
+    return facts.order.verb == "judge" and poi is not None and poi.state != "surfaced"
+
+
+def judgement(facts: Facts) -> bool:
+    """The order is a person's word on a finding: nothing leaves for the vehicle."""
+    return facts.order.verb == "judge"
+
+
+def vehicle_silent(facts: Facts) -> bool:
+    """No heartbeat of the vehicle is heard."""
+    vehicle = facts.state.vehicles.get(1)
+    return vehicle is None or not vehicle.link
+
+
+def other_body(facts: Facts) -> bool:
+    """The same id came before with another body."""
+    return facts.arrival is not None and facts.arrival.digest != facts.order.digest
+
+
+def vehicle_accepted(facts: Facts) -> bool:
+    """COMMAND_ACK says accepted."""
+    return facts.mav_result == MAV_ACCEPTED
+
+
+def vehicle_busy(facts: Facts) -> bool:
+    """COMMAND_ACK says in progress."""
+    return facts.mav_result == MAV_IN_PROGRESS
+
+
+def vehicle_lacks_it(facts: Facts) -> bool:
+    """COMMAND_ACK says that the vehicle does not have this command, or not in this form."""
+    return facts.mav_result in MAV_UNSUPPORTED_ALL
+
+
+def never_left(facts: Facts) -> bool:
+    """The command could not be sent at all, or a newer one took its place."""
+    return facts.because in ("no vehicle", "not encodable", "superseded")
+
+
+_JUDGE: tuple[Row[Facts], ...] = (
+    move("received", "order_received", "unauthorised", "not for this node", other_node, band=1),
+    move("received", "order_received", "unsupported", "orders are switched off on this node", reception_off, band=2),
+    move("received", "order_received", "unauthorised", "role not permitted", role_missing, band=3),
+    move("received", "order_received", "rejected", "replayed", replayed, band=4),
+    move("received", "order_received", "rejected", "stale: a newer order came first", older, band=5),
+    move("received", "order_received", "rejected", "the node is in safe mode", safe_mode, band=6),
+    move("received", "order_received", "rejected", "expired", too_late, band=7),
+    move("received", "order_received", "unsupported", "unknown kind of order", unknown_verb, band=8),
+    move("received", "order_received", "rejected", "no such camera, or nothing turns it", no_such_camera, band=9),
+    move("received", "order_received", "rejected", "0, 0, 0 is no place to look at", null_place, band=10),
+    move("received", "order_received", "rejected", "unknown_poi_id", unknown_poi, band=11),
+    move("received", "order_received", "rejected", "expired: the question is closed", poi_over, band=12),
+    move("received", "order_received", "accepted", "recorded", judgement, band=13),
+    move("received", "order_received", "rejected", "no vehicle is heard", vehicle_silent, band=14),
+    move("received", "order_received", "intended", "all gates passed", band=15),
+)
+
+
+def _underway(source: str) -> tuple[Row[Facts], ...]:
+    return (
+        refuse(source, "order_received", "command_id reuse: another body under the same id", other_body, band=1),
+        ignore(source, "order_received", "answered: not decided yet", band=2),
+        move(source, "command_answered", "accepted", "the vehicle accepted", vehicle_accepted, band=1),
+        move(source, "command_answered", "in_progress", "the vehicle is at it", vehicle_busy, band=2)
+        if source != "in_progress"
+        else ignore(source, "command_answered", "the vehicle is still at it", vehicle_busy, band=2),
+        move(source, "command_answered", "unsupported", "the vehicle does not have it", vehicle_lacks_it, band=3),
+        move(source, "command_answered", "rejected", "the vehicle refused", band=4),
+        move(source, "command_unanswered", "rejected", "could not be sent", never_left, band=1),
+        move(source, "command_unanswered", "timeout", "no answer from the vehicle", band=2),
+        move(source, "time_passed", "timeout", "no outcome within the order's life"),
+        move(source, "node_started", "timeout", "unknown after restart"),
+        move(source, "command_sent", "sent", "the bytes left")
+        if source == "intended"
+        else ignore(source, "command_sent", "known already"),
+    )
+
+
+def _final(source: str) -> tuple[Row[Facts], ...]:
+    return (
+        refuse(source, "order_received", "command_id reuse: another body under the same id", other_body, band=1),
+        ignore(source, "order_received", "answered with the stored result", band=2),
+        ignore(source, "command_sent", "too late to matter"),
+        ignore(source, "command_answered", "a final answer never changes"),
+        ignore(source, "command_unanswered", "a final answer never changes"),
+        ignore(source, "time_passed", "over"),
+        ignore(source, "node_started", "an answer that is owed is given again"),
+    )
+
+
+def _before_judgement(*triggers: str) -> tuple[Row[Facts], ...]:
+    # `received` lasts for the length of one step, so nothing else can reach it; the rows say so.
+    return tuple(ignore("received", trigger, "judged in the step that it came in") for trigger in triggers)
+
+
+CHART: Chart[Facts] = Chart(
+    name="command",
+    initial="received",
+    states=("received", *UNDERWAY, *FINAL),
+    terminal=FINAL,
+    triggers=(
+        "order_received",
+        "command_sent",
+        "command_answered",
+        "command_unanswered",
+        "time_passed",
+        "node_started",
+    ),
+    rows=(
+        *_JUDGE,
+        *_before_judgement("command_sent", "command_answered", "command_unanswered", "time_passed", "node_started"),
+        *(row for state in UNDERWAY for row in _underway(state)),
+        *(row for state in FINAL for row in _final(state)),
+    ),
+)

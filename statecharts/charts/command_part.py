@@ -1,0 +1,208 @@
+"""What the chart `command` says. The rows are in `command.py`, the changes of state in `command_state.py`."""
+
+from __future__ import annotations
+
+from google.protobuf.message import Message
+
+from events.records import Record
+from events.schema import orders_pb2
+from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
+from events.schema.vehicle_pb2 import (
+    CommandAnswered,
+    CommandSent,
+    CommandUnanswered,
+    PointAtAngles,
+    PointAtPlace,
+    ReleasePointing,
+)
+from statecharts.charts.command import CHART, FINAL, MAV_UNSUPPORTED_ALL, UNDERWAY, Facts
+from statecharts.charts.command_state import EVOLVE
+from statecharts.facts import Order, order_key
+from statecharts.part import Part
+from statecharts.state import State
+from statecharts.table import Answer, moved
+
+RESULTS: dict[str, orders_pb2.AckResult.ValueType] = {
+    "accepted": orders_pb2.ACK_ACCEPTED,
+    "rejected": orders_pb2.ACK_REJECTED,
+    "timeout": orders_pb2.ACK_TIMEOUT,
+    "unsupported": orders_pb2.ACK_UNSUPPORTED,
+    "unauthorised": orders_pb2.ACK_UNAUTHORISED,
+}
+MAV_RESULTS = {
+    0: "MAV_RESULT_ACCEPTED",
+    1: "MAV_RESULT_TEMPORARILY_REJECTED",
+    2: "MAV_RESULT_DENIED",
+    3: "MAV_RESULT_UNSUPPORTED",
+    4: "MAV_RESULT_FAILED",
+    5: "MAV_RESULT_IN_PROGRESS",
+    6: "MAV_RESULT_CANCELLED",
+    7: "MAV_RESULT_COMMAND_LONG_ONLY",
+    8: "MAV_RESULT_COMMAND_INT_ONLY",
+    9: "MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME",
+    10: "MAV_RESULT_NOT_IN_CONTROL",
+}
+assert all(result in MAV_RESULTS for result in MAV_UNSUPPORTED_ALL)
+
+
+def decide(state: State, record: Record) -> tuple[Message, ...]:
+    """Return moves, the vehicle effect and the answer that follow from a record."""
+    match record.kind.name:
+        case "order_received":
+            return _arrived(state, record)
+        case "order_malformed":
+            return (_refuse_malformed(record),)
+        case "command_sent" | "command_answered" | "command_unanswered":
+            return _outcome(state, record)
+        case "time_passed":
+            return _fire_all(state, record, state.passed(CHART.name, record.at.flight_ns))
+    return _restarted(state, record)
+
+
+def _arrived(state: State, record: Record) -> tuple[Message, ...]:
+    arrival = state.arrival.value
+    assert arrival is not None
+    order = state.orders[arrival.key]
+    received = record.message
+    assert isinstance(received, OrderReceived)
+    facts = Facts(order, state, record.at.flight_ns, arrival, received)
+    row = CHART.ask(order.state, "order_received", facts)
+    if row.answer is Answer.REFUSE:
+        return (_ack(order, arrival.in_reply_to, orders_pb2.ACK_REJECTED, row.because, final=True),)
+    if row.answer is Answer.IGNORE:
+        return (_repeat(order, arrival.in_reply_to, row.because),)
+    move = moved(CHART, arrival.key, row)
+    if row.target in FINAL:
+        return move, _ack(order, order.in_reply_to, RESULTS[row.target], row.because, final=True)
+    return move, _effect(state, received, order)
+
+
+def _repeat(order: Order, in_reply_to: bytes, because: str) -> SendAck:
+    if order.state in FINAL:
+        return _ack(order, in_reply_to, RESULTS[order.state], order.detail, final=True, duplicate=True)
+    return _ack(order, in_reply_to, orders_pb2.ACK_ACCEPTED, because, final=False, duplicate=True)
+
+
+def _refuse_malformed(record: Record) -> SendAck:
+    malformed = record.message
+    assert isinstance(malformed, OrderMalformed)
+    return SendAck(
+        command_id=malformed.command_id,
+        principal_id=malformed.issuer.principal_id,
+        result=orders_pb2.ACK_REJECTED,
+        detail=malformed.because,
+        final=True,
+        duplicate=False,
+        in_reply_to=malformed.in_reply_to,
+    )
+
+
+def _effect(state: State, received: OrderReceived, order: Order) -> Message:
+    effect: PointAtPlace | PointAtAngles | ReleasePointing
+    match received.WhichOneof("order"):
+        case "point_at_place":
+            effect = PointAtPlace(place=received.point_at_place.place)
+        case "point_at_angles":
+            angles = received.point_at_angles
+            effect = PointAtAngles(pitch_cdeg=angles.pitch_cdeg, yaw_cdeg=angles.yaw_cdeg, yaw_locked=angles.yaw_locked)
+        case _:
+            effect = ReleasePointing()
+    camera = state.cameras[order.camera]
+    effect.vehicle, effect.camera, effect.gimbal = camera.vehicle, camera.camera, camera.gimbal
+    effect.life_ms = received.life_ms
+    effect.order = order_key(order.principal_id, order.command_id)
+    return effect
+
+
+def _outcome(state: State, record: Record) -> tuple[Message, ...]:
+    outcome = record.message
+    assert isinstance(outcome, CommandSent | CommandAnswered | CommandUnanswered)
+    effect = state.effects.get(outcome.effect_seq)
+    if effect is None or not effect.order:
+        return ()
+    return _fire(state, record, effect.order)
+
+
+def _fire_all(state: State, record: Record, keys: tuple[str, ...]) -> tuple[Message, ...]:
+    return tuple(message for key in keys for message in _fire(state, record, key))
+
+
+def _fire(state: State, record: Record, key: str) -> tuple[Message, ...]:
+    order, message = state.orders[key], record.message
+    mav_result = message.mav_result if isinstance(message, CommandAnswered) else -1
+    because = message.because if isinstance(message, CommandUnanswered) else ""
+    facts = Facts(order, state, record.at.flight_ns, mav_result=mav_result, because=because)
+    row = CHART.ask(order.state, record.kind.name, facts)
+    if row.answer is not Answer.MOVE:
+        return ()
+    move = moved(CHART, key, row)
+    if row.target not in FINAL:
+        return (move,)
+    detail = _detail(record, row.because)
+    move.because = detail
+    ack = _ack(order, order.in_reply_to, RESULTS[row.target], detail, final=True)
+    if isinstance(message, CommandAnswered):
+        ack.mav_result = message.mav_result
+    return move, ack
+
+
+def _detail(record: Record, because: str) -> str:
+    match record.message:
+        case CommandAnswered(mav_result=raw):
+            return f"COMMAND_ACK: {MAV_RESULTS.get(raw, f'MAV_RESULT {raw}')}"
+        case CommandUnanswered(because=why):
+            return f"{because}: {why}"
+    return because
+
+
+def _restarted(state: State, record: Record) -> tuple[Message, ...]:
+    pending = tuple(key for key, order in state.orders.items() if order.state in UNDERWAY)
+    owed = [state.orders[key] for _, key in state.owed_acks.items() if key in state.orders]
+    again = tuple(_ack_again(order) for order in owed if order.state in FINAL)
+    return (*_fire_all(state, record, pending), *again)
+
+
+def _ack_again(order: Order) -> SendAck:
+    ack = _ack(order, order.in_reply_to, RESULTS[order.state], order.detail, final=True)
+    if order.mav_result is not None:
+        ack.mav_result = order.mav_result
+    return ack
+
+
+def _ack(
+    order: Order,
+    in_reply_to: bytes,
+    result: orders_pb2.AckResult.ValueType,
+    detail: str,
+    *,
+    final: bool,
+    duplicate: bool = False,
+) -> SendAck:
+    return SendAck(
+        command_id=order.command_id,
+        principal_id=order.principal_id,
+        result=result,
+        detail=detail,
+        final=final,
+        duplicate=duplicate,
+        in_reply_to=in_reply_to,
+    )
+
+
+PART = Part(
+    chart=CHART,
+    alphabet=frozenset(
+        {
+            "order_received",
+            "order_malformed",
+            "command_sent",
+            "command_answered",
+            "command_unanswered",
+            "time_passed",
+            "node_started",
+        }
+    ),
+    decide=decide,
+    evolve=EVOLVE,
+    safety=True,
+)

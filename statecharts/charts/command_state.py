@@ -1,0 +1,163 @@
+"""How the chart `command` changes its part of the state. The rows are in `command.py`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from events.records import Record
+from events.schema.common_pb2 import Moved
+from events.schema.orders_pb2 import AckPublished, OrderMalformed, OrderReceived, SendAck
+from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, PointAtAngles, PointAtPlace, ReleasePointing
+from statecharts.charts.command import CHART, FINAL, MAV_IN_PROGRESS, UNDERWAY
+from statecharts.facts import Arrival, Effect, Order, fitting_key, order_key
+from statecharts.part import Evolve
+from statecharts.state import State
+
+NS_PER_MS = 1_000_000
+# The adapter answers within the order's life; this long after it the core stops waiting for the adapter.
+OUTCOME_GRACE_NS = 5_000_000_000
+
+
+def _receive(state: State, record: Record) -> None:
+    received = record.message
+    assert isinstance(received, OrderReceived)
+    now_ns = record.at.flight_ns
+    _forget_old(state, now_ns)
+    key = order_key(received.issuer.principal_id, received.command_id)
+    device = received.issuer.device_key_id
+    state.arrival.set(
+        Arrival(
+            key=key,
+            digest=received.body_digest,
+            in_reply_to=received.in_reply_to,
+            known=key in state.orders,
+            replayed=(device, received.nonce) in state.nonces,
+            order_seq=received.order_seq,
+            newest_seq=state.order_seqs.get(device) or 0,
+        )
+    )
+    state.nonces.put((device, received.nonce), now_ns + received.nonce_life_ms * NS_PER_MS)
+    if key not in state.orders:
+        state.orders.put(key, _order(state, received, now_ns))
+
+
+def _order(state: State, received: OrderReceived, now_ns: int) -> Order:
+    verb, camera, poi_id, confirmed = _asked(received)
+    gimbal = state.flight.gimbal_of.get(camera)
+    return Order(
+        principal_id=received.issuer.principal_id,
+        callsign=received.issuer.callsign,
+        command_id=received.command_id,
+        digest=received.body_digest,
+        state=CHART.initial,
+        verb=verb,
+        camera=camera,
+        gimbal=fitting_key(1, gimbal) if gimbal else "",
+        poi_id=poi_id,
+        confirmed=confirmed,
+        device_key_id=received.issuer.device_key_id,
+        order_seq=received.order_seq,
+        in_reply_to=received.in_reply_to,
+        expires_ns=now_ns + received.life_ms * NS_PER_MS,
+        keep_until_ns=now_ns + state.flight.limits.dedup_keep_ms * NS_PER_MS,
+    )
+
+
+def _asked(received: OrderReceived) -> tuple[str, str, str, bool]:
+    """Return verb, camera key, point of interest and judgement of an order."""
+    match received.WhichOneof("order"):
+        case "point_at_place":
+            return "point", fitting_key(1, received.point_at_place.camera), "", False
+        case "point_at_angles":
+            return "point", fitting_key(1, received.point_at_angles.camera), "", False
+        case "release_camera":
+            return "release", fitting_key(1, received.release_camera.camera), "", False
+        case "judge_poi":
+            return "judge", "", received.judge_poi.poi_id, received.judge_poi.confirmed
+    return "", "", "", False
+
+
+def _forget_old(state: State, now_ns: int) -> None:
+    state.nonces.drop_where(lambda until_ns: until_ns <= now_ns)
+    state.orders.drop_where(lambda order: order.keep_until_ns <= now_ns and order.state in FINAL)
+
+
+def _receive_malformed(state: State, record: Record) -> None:
+    malformed = record.message
+    assert isinstance(malformed, OrderMalformed)
+    until_ns = record.at.flight_ns + malformed.nonce_life_ms * NS_PER_MS
+    state.nonces.put((malformed.issuer.device_key_id, malformed.nonce), until_ns)
+
+
+def _apply_move(state: State, record: Record) -> None:
+    change = record.message
+    assert isinstance(change, Moved)
+    if change.chart != CHART.name:
+        return
+    order = state.orders[change.instance]
+    if change.from_state == CHART.initial:
+        newest = state.order_seqs.get(order.device_key_id) or 0
+        state.order_seqs.put(order.device_key_id, max(newest, order.order_seq))
+    state.orders.put(change.instance, replace(order, state=change.to_state, detail=change.because))
+    if change.to_state in FINAL:
+        state.deadlines.drop((CHART.name, change.instance))
+    elif change.to_state == "intended":
+        state.deadlines.put((CHART.name, change.instance), order.expires_ns + OUTCOME_GRACE_NS)
+
+
+def _remember_effect(state: State, record: Record) -> None:
+    effect = record.message
+    assert isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing)
+    gimbal = fitting_key(effect.vehicle, effect.gimbal)
+    state.effects.drop_where(lambda earlier: earlier.done)
+    state.effects.put(record.seq, Effect(effect.order, gimbal))
+
+
+def _answered(state: State, record: Record) -> None:
+    answer = record.message
+    assert isinstance(answer, CommandAnswered)
+    effect = state.effects.get(answer.effect_seq)
+    if effect is None:
+        return
+    if answer.mav_result != MAV_IN_PROGRESS:
+        state.effects.put(answer.effect_seq, replace(effect, done=True))
+    order = state.orders.get(effect.order)
+    if order is not None and order.state in UNDERWAY:
+        state.orders.put(effect.order, replace(order, mav_result=answer.mav_result))
+
+
+def _unanswered(state: State, record: Record) -> None:
+    answer = record.message
+    assert isinstance(answer, CommandUnanswered)
+    effect = state.effects.get(answer.effect_seq)
+    if effect is not None:
+        state.effects.put(answer.effect_seq, replace(effect, done=True))
+
+
+def _owe_ack(state: State, record: Record) -> None:
+    ack = record.message
+    assert isinstance(ack, SendAck)
+    key = order_key(ack.principal_id, ack.command_id)
+    if ack.final and key in state.orders:
+        state.owed_acks.drop_where(lambda owed: owed == key)
+        state.owed_acks.put(record.seq, key)
+
+
+def _ack_left(state: State, record: Record) -> None:
+    published = record.message
+    assert isinstance(published, AckPublished)
+    state.owed_acks.drop(published.effect_seq)
+
+
+EVOLVE: dict[str, Evolve] = {
+    "order_received": _receive,
+    "order_malformed": _receive_malformed,
+    "moved": _apply_move,
+    "point_at_place": _remember_effect,
+    "point_at_angles": _remember_effect,
+    "release_pointing": _remember_effect,
+    "command_answered": _answered,
+    "command_unanswered": _unanswered,
+    "send_ack": _owe_ack,
+    "ack_published": _ack_left,
+}

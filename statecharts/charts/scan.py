@@ -1,0 +1,75 @@
+"""Chart `scan`: what the node itself does with a camera that nobody holds (seed 004; scan_controller of its system).
+
+Theory of operation. Zoomed out, the camera sweeps at a fixed pitch. A new point of interest is looked at: the
+camera rests on its place for `look_ms` (zoomed in), then sweeps on, or goes to the next. While an operator holds the
+camera or it rests released, the node keeps its hands off. Under the frame-rate floor it does not look closer, for
+what it would see there could not be followed; it comes back with a margin, so that it does not flicker. It must
+never move a camera that somebody holds, and never at all where `scan_enabled` is off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from statecharts.table import Chart, ignore, move
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the guards look at."""
+
+    enabled: bool = False
+    candidate: bool = False  # a point of interest waits to be looked at
+    camera: str = ""  # state of the camera's chart
+    rate_mhz: int = 0
+    floor_mhz: int = 0
+
+
+def slow(facts: Facts) -> bool:
+    """Frames come slower than the floor."""
+    return facts.rate_mhz < facts.floor_mhz
+
+
+def quick(facts: Facts) -> bool:
+    """Frames come clearly faster than the floor: a tenth above it."""
+    return 10 * facts.rate_mhz >= 11 * facts.floor_mhz
+
+
+def may_look(facts: Facts) -> bool:
+    """The node may move the camera, it is the master, and there is something to look at."""
+    return facts.enabled and facts.candidate and facts.camera == "automatic"
+
+
+def held(facts: Facts) -> bool:
+    """Somebody holds the camera, or it rests."""
+    return facts.camera != "automatic"
+
+
+CHART: Chart[Facts] = Chart(
+    name="scan",
+    initial="zoomed_out",
+    states=("zoomed_out", "zoomed_in", "operator_held", "blocked"),
+    terminal=(),
+    triggers=("frame_observed", "camera_moved", "time_passed"),
+    rows=(
+        move("zoomed_out", "frame_observed", "blocked", "frames come too slowly to look closer", slow, band=1),
+        move("zoomed_out", "frame_observed", "zoomed_in", "looks closer at a finding", may_look, band=2),
+        ignore("zoomed_out", "frame_observed", "nothing to look at", band=3),
+        move("zoomed_out", "camera_moved", "operator_held", "somebody has the camera", held, band=1),
+        ignore("zoomed_out", "camera_moved", "it is free", band=2),
+        ignore("zoomed_out", "time_passed", "waits for nothing"),
+        ignore("zoomed_in", "frame_observed", "looks at it for its time"),
+        move("zoomed_in", "camera_moved", "operator_held", "somebody has the camera", held, band=1),
+        ignore("zoomed_in", "camera_moved", "it is free", band=2),
+        move("zoomed_in", "time_passed", "zoomed_out", "has looked long enough"),
+        ignore("operator_held", "frame_observed", "hands off"),
+        ignore("operator_held", "camera_moved", "somebody else has it now", held, band=1),
+        move("operator_held", "camera_moved", "zoomed_out", "the camera is free again", band=2),
+        ignore("operator_held", "time_passed", "waits for nothing"),
+        move("blocked", "frame_observed", "zoomed_out", "frames come quickly enough again", quick, band=1),
+        ignore("blocked", "frame_observed", "frames still come too slowly", band=2),
+        move("blocked", "camera_moved", "operator_held", "somebody has the camera", held, band=1),
+        ignore("blocked", "camera_moved", "it is free", band=2),
+        ignore("blocked", "time_passed", "waits for nothing"),
+    ),
+)

@@ -1,0 +1,124 @@
+"""What the chart `scan` says and how its part of the state changes. The rows are in `scan.py`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from google.protobuf.message import Message
+
+from events.records import Record
+from events.schema.common_pb2 import Moved
+from events.schema.eyes_pb2 import FrameObserved
+from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace
+from statecharts.charts.scan import CHART, Facts
+from statecharts.facts import Poi, Scan, fitting_key
+from statecharts.part import Part
+from statecharts.state import State
+from statecharts.table import Answer, Row, moved
+
+NS_PER_MS = 1_000_000
+RATE_FRAMES = 10  # the frame rate is that of the last ten frames
+
+
+def decide(state: State, record: Record) -> tuple[Message, ...]:
+    """Return the moves of the scan and what the gimbal is asked for."""
+    message = record.message
+    match record.kind.name:
+        case "frame_observed":
+            assert isinstance(message, FrameObserved)
+            return _fire(state, fitting_key(message.vehicle, message.camera), "frame_observed")
+        case "time_passed":
+            passed = state.passed(CHART.name, record.at.flight_ns)
+            return tuple(said for key in passed for said in _fire(state, key, "time_passed"))
+    assert isinstance(message, Moved)
+    return _fire(state, message.instance, "camera_moved") if message.chart == "camera" else ()
+
+
+def _fire(state: State, key: str, trigger: str) -> tuple[Message, ...]:
+    camera = state.cameras.get(key)
+    if camera is None:
+        return ()
+    limits, scan = state.flight.limits, state.scans.get(key) or Scan()
+    candidate = _candidate(state, key)
+    facts = Facts(
+        enabled=limits.scan_enabled and camera.gimbal > 0,
+        candidate=candidate is not None,
+        camera=camera.state,
+        rate_mhz=_rate_mhz(scan, limits.frame_rate_floor_mhz),
+        floor_mhz=limits.frame_rate_floor_mhz,
+    )
+    row = CHART.ask(scan.state, trigger, facts)
+    if row.answer is not Answer.MOVE:
+        return ()
+    return (moved(CHART, key, row), *_asked(state, key, row, candidate))
+
+
+def _asked(state: State, key: str, row: Row[Facts], candidate: Poi | None) -> tuple[Message, ...]:
+    camera, limits = state.cameras[key], state.flight.limits
+    asked: PointAtPlace | PointAtAngles
+    if row.target == "zoomed_in" and candidate is not None:
+        asked = PointAtPlace(place=candidate.spot.place, poi_id=candidate.poi_id)
+    elif row.target == "zoomed_out" and row.source != "blocked" and limits.scan_enabled and camera.gimbal:
+        asked = PointAtAngles(pitch_cdeg=limits.sweep_pitch_cdeg, yaw_cdeg=0, yaw_locked=False)
+    else:
+        return ()
+    asked.vehicle, asked.camera, asked.gimbal = camera.vehicle, camera.camera, camera.gimbal
+    asked.life_ms = limits.own_command_life_ms
+    return (asked,)
+
+
+def _candidate(state: State, key: str) -> Poi | None:
+    """Return the oldest question about this camera's sightings that was not looked at yet."""
+    waiting = [
+        poi
+        for poi in state.pois.values()
+        if poi.state in ("enqueued", "surfaced") and not poi.looked and fitting_key(poi.vehicle, poi.camera) == key
+    ]
+    return min(waiting, key=lambda poi: (poi.opened_ns, poi.poi_id), default=None)
+
+
+def _rate_mhz(scan: Scan, floor_mhz: int) -> int:
+    """Return the frame rate in millihertz; the floor itself (neither slow nor quick) before there are enough frames."""
+    if len(scan.captures) < RATE_FRAMES:
+        return floor_mhz
+    span_ns = scan.captures[-1] - scan.captures[0]
+    return (RATE_FRAMES - 1) * 10**12 // span_ns if span_ns > 0 else floor_mhz
+
+
+def _frame(state: State, record: Record) -> None:
+    frame = record.message
+    assert isinstance(frame, FrameObserved)
+    key = fitting_key(frame.vehicle, frame.camera)
+    scan = state.scans.get(key) or Scan()
+    state.scans.put(key, replace(scan, captures=(*scan.captures[1 - RATE_FRAMES :], frame.captured_ns)))
+
+
+def _look(state: State, record: Record) -> None:
+    asked = record.message
+    assert isinstance(asked, PointAtPlace)
+    poi = state.pois.get(asked.poi_id)
+    if poi is None:
+        return
+    key = fitting_key(asked.vehicle, asked.camera)
+    state.pois.put(poi.poi_id, replace(poi, looked=True))
+    state.scans.put(key, replace(state.scans.get(key) or Scan(), poi_id=poi.poi_id))
+    state.deadlines.put((CHART.name, key), record.at.flight_ns + state.flight.limits.look_ms * NS_PER_MS)
+
+
+def _apply_move(state: State, record: Record) -> None:
+    change = record.message
+    assert isinstance(change, Moved)
+    if change.chart != CHART.name:
+        return
+    scan = state.scans.get(change.instance) or Scan()
+    state.scans.put(change.instance, replace(scan, state=change.to_state, poi_id=""))
+    if change.to_state != "zoomed_in":
+        state.deadlines.drop((CHART.name, change.instance))
+
+
+PART = Part(
+    chart=CHART,
+    alphabet=frozenset({"frame_observed", "time_passed", "moved"}),
+    decide=decide,
+    evolve={"frame_observed": _frame, "point_at_place": _look, "moved": _apply_move},
+)

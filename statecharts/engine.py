@@ -1,0 +1,144 @@
+"""The one loop's pure middle: a record in, the records that follow from it out.
+
+`step` takes an observation, applies it, and asks each chart in its fixed order what follows; each decision
+is applied before the next chart looks. A chart hears the observation and the decisions of the charts
+before it, never its own, so there are no cycles. The engine has no clock, no file and no chance: seq,
+cause and moment of a decision follow from the observation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+
+from events.kinds import Role
+from events.records import Record, make_record
+from events.schema.flight_pb2 import StepFailed
+from statecharts.charts import CHARTS, PARTS, PLAIN
+from statecharts.part import Evolve, Part
+from statecharts.state import State
+from statecharts.table import rows_text
+
+# Grows whenever a chart decides otherwise than before on the same log.
+LOGIC = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What one observation led to."""
+
+    records: tuple[Record, ...]  # the observation first, then its decisions
+    due: int | None  # flight_ns of the next deadline
+
+
+def _evolvers(tables: Sequence[Mapping[str, Evolve]]) -> dict[str, tuple[Evolve, ...]]:
+    changes: dict[str, list[Evolve]] = {}
+    for table in tables:
+        for kind, change in table.items():
+            changes.setdefault(kind, []).append(change)
+    return {kind: tuple(found) for kind, found in changes.items()}
+
+
+def _hearers(parts: Sequence[Part]) -> dict[str, int]:
+    """Return for each kind the charts that hear it, as bits in their order."""
+    hearers: dict[str, int] = {}
+    for index, part in enumerate(parts):
+        for kind in sorted(part.alphabet):
+            hearers[kind] = hearers.get(kind, 0) | 1 << index
+    return hearers
+
+
+_EVOLVE = _evolvers([*PLAIN, *(part.evolve for part in PARTS)])
+_HEARERS = _hearers(PARTS)
+_PLACES = tuple((1 << index, part) for index, part in enumerate(PARTS))
+
+
+def charts_digest() -> bytes:
+    """Return the SHA-256 over the rows of all charts, as the manifest holds it."""
+    return sha256(rows_text(CHARTS).encode()).digest()
+
+
+def evolve(state: State, record: Record) -> None:
+    """Apply a record to the state, which the caller owns. Raises whatever a broken record leads to."""
+    state.next_seq.set(record.seq + 1)
+    for change in _EVOLVE.get(record.kind.name, ()):
+        change(state, record)
+
+
+def step(state: State, observation: Record) -> Step:
+    """Apply an observation and everything that follows from it.
+
+    Where that raises, nothing of it stays: the observation is recorded with `step_failed` and never applied.
+    Until the next step the whole step can be undone with `state.journal.rollback()`.
+    """
+    state.journal.clear()
+    chart = "evolve"
+    records = [observation]
+    try:
+        evolve(state, observation)
+        heard = _HEARERS.get(observation.kind.name, 0)
+        for place, part in _PLACES:
+            if heard & place and (part.safety or state.health.value == "normal"):
+                chart = part.chart.name
+                heard |= _ask(state, part, records)
+    except Exception as error:  # noqa: BLE001 - whatever a chart raises must not stop the node
+        state.journal.rollback()
+        records = _failed(state, observation, chart, error)
+    return Step(tuple(records), _due(state, observation))
+
+
+def _ask(state: State, part: Part, records: list[Record]) -> int:
+    """Ask one chart about everything said so far; return the charts that hear its answers."""
+    observation, hearers = records[0], 0
+    for heard in tuple(records):
+        if heard.kind.name in part.alphabet:
+            for message in part.decide(state, heard):
+                record = make_record(state.next_seq.value, observation.seq, observation.at, message)
+                evolve(state, record)
+                records.append(record)
+                hearers |= _HEARERS.get(record.kind.name, 0)
+    return hearers
+
+
+def _failed(state: State, observation: Record, chart: str, error: Exception) -> list[Record]:
+    message = StepFailed(chart=chart, error=type(error).__name__)
+    failure = make_record(observation.seq + 1, observation.seq, observation.at, message)
+    evolve(state, failure)
+    records = [failure]
+    for place, part in _PLACES:
+        if _HEARERS["step_failed"] & place:
+            _ask(state, part, records)
+    return [observation, *records]
+
+
+def _due(state: State, observation: Record) -> int | None:
+    """Return the next deadline. What had passed when time passed was offered then; it is not offered again."""
+    if observation.kind.name != "time_passed":
+        return state.deadlines.least()
+    later = [at_ns for at_ns in state.deadlines.values() if at_ns > observation.at.flight_ns]
+    return min(later, default=None)
+
+
+def steps_of(records: Iterable[Record]) -> Iterator[tuple[Record, ...]]:
+    """Group a log into steps: an observation and the decisions that follow it."""
+    group: list[Record] = []
+    for record in records:
+        if record.kind.role is Role.OBSERVATION and group:
+            yield tuple(group)
+            group = []
+        group.append(record)
+    if group:
+        yield tuple(group)
+
+
+def restore(state: State, recorded: Sequence[Record]) -> int | None:
+    """Apply one recorded step without deciding anything, and return the next deadline as `step` does.
+
+    A failed observation is passed over, as it was then.
+    """
+    state.journal.clear()
+    failed = len(recorded) > 1 and recorded[1].kind.name == "step_failed"
+    for record in recorded[1:] if failed else recorded:
+        evolve(state, record)
+    return _due(state, recorded[0])

@@ -1,0 +1,186 @@
+"""The rows of the state: frozen values, integers in fixed point, each written by `evolve` alone.
+
+Times are nanoseconds of the flight, distances millimetres from the flight's origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from events.schema.common_pb2 import Place
+from events.schema.flight_pb2 import Limits
+
+
+def fitting_key(vehicle: int, number: int) -> str:
+    """Return the key of a camera or a gimbal: "1/1" is number 1 on vehicle 1."""
+    return f"{vehicle}/{number}"
+
+
+def order_key(principal_id: str, command_id: str) -> str:
+    """Return the key of an order: ids of orders are the issuer's own (a public id can't be taken from another)."""
+    return f"{principal_id}/{command_id}"
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A place as the core computes with it."""
+
+    east_mm: int
+    north_mm: int
+    place: Place = field(compare=False, repr=False)  # as recorded; never changed
+
+    @classmethod
+    def of(cls, place: Place) -> Spot:
+        """Read a place once: scalars in the state, not messages, are what guards look at."""
+        return cls(place.east_mm, place.north_mm, place)
+
+    def within(self, other: Spot, distance_mm: int) -> bool:
+        """Whether two places are at most so far apart on the ground."""
+        east, north = self.east_mm - other.east_mm, self.north_mm - other.north_mm
+        return east * east + north * north <= distance_mm * distance_mm
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What the flight was opened with, as far as decisions read it."""
+
+    flight_id: bytes
+    node: str
+    node_public_key: bytes
+    limits: Limits  # read only
+    camera_roles: frozenset[str]
+    group_of: dict[str, str]  # class name to class group; never changed
+    gimbal_of: dict[str, int]  # camera key to gimbal number; never changed
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """How the newest order arrived, as it was before it changed anything."""
+
+    key: str
+    digest: bytes
+    in_reply_to: bytes
+    known: bool  # an order of this issuer and id was there before
+    replayed: bool  # its nonce was there before
+    order_seq: int
+    newest_seq: int  # the device's highest before this one
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """An order and how far it got."""
+
+    principal_id: str
+    callsign: str
+    command_id: str
+    digest: bytes
+    state: str
+    verb: str  # "point", "release", "judge" or "" for an unknown variant
+    camera: str  # camera key; "" for none
+    gimbal: str  # gimbal key; "" for none
+    poi_id: str
+    confirmed: bool
+    device_key_id: bytes
+    order_seq: int
+    in_reply_to: bytes
+    expires_ns: int
+    keep_until_ns: int
+    detail: str = ""
+    mav_result: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """A command to the vehicle whose outcome is awaited."""
+
+    order: str  # order key; "" for the node's own wish
+    gimbal: str
+    done: bool = False  # its outcome is in
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Who is the camera's master."""
+
+    vehicle: int
+    camera: int
+    gimbal: int
+    state: str = "automatic"
+    principal_id: str = ""
+    callsign: str = ""
+    command_id: str = ""
+    until_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """What a gimbal was asked and whether it got there."""
+
+    state: str = "idle"
+    effect_seq: int = -1
+    order: str = ""
+    asked_ns: int = 0
+    error_cdeg: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """What the vehicle reports, as far as decisions read it."""
+
+    link: bool = False
+    armed: bool = False
+    custom_mode: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class MapObject:
+    """A thing on the map."""
+
+    number: int
+    class_name: str
+    class_group: str
+    spot: Spot
+    confidence_e4: int
+    sightings: int
+    poi_id: str = ""
+    muted_by: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Poi:
+    """A point of interest and how far a person's decision on it got."""
+
+    poi_id: str
+    state: str
+    vehicle: int
+    camera: int
+    object: int
+    class_name: str
+    class_group: str
+    confidence_e4: int
+    spot: Spot
+    opened_ns: int
+    sightings: int = 1
+    decide_by_ns: int = 0
+    ended_ns: int = 0
+    looked: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Ignored:
+    """A muted place."""
+
+    poi_id: str
+    class_group: str
+    spot: Spot
+    principal_id: str
+    muted: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """What the node itself does with a camera."""
+
+    state: str = "zoomed_out"
+    poi_id: str = ""
+    captures: tuple[int, ...] = ()  # capture times of the last frames, nanoseconds

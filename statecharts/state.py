@@ -1,0 +1,86 @@
+"""The whole state of the core. Only `evolve` changes it, and only from records (design, section 3)."""
+
+from __future__ import annotations
+
+from events.records import Record
+from statecharts.facts import (
+    Aim,
+    Arrival,
+    Camera,
+    Effect,
+    Ignored,
+    Manifest,
+    MapObject,
+    Order,
+    Poi,
+    Scan,
+    Spot,
+    Vehicle,
+)
+from statecharts.journal import Journal, Keyed, Single
+
+
+class State:
+    """Everything that decisions depend on. Keys are named beside each table."""
+
+    __slots__ = (
+        "aims",
+        "arrival",
+        "cameras",
+        "deadlines",
+        "effects",
+        "failures",
+        "frame",
+        "grid",
+        "health",
+        "ignored",
+        "journal",
+        "manifest",
+        "next_seq",
+        "nonces",
+        "objects",
+        "order_seqs",
+        "orders",
+        "origin",
+        "owed_acks",
+        "pois",
+        "scans",
+        "surfacings",
+        "vehicles",
+    )
+
+    def __init__(self) -> None:
+        journal = self.journal = Journal()
+        self.next_seq: Single[int] = Single(journal, 0)
+        self.manifest: Single[Manifest | None] = Single(journal, None)
+        self.origin: Single[Spot | None] = Single(journal, None)
+        self.health: Single[str] = Single(journal, "normal")
+        self.failures: Single[tuple[int, ...]] = Single(journal, ())  # flight_ns of failed steps
+        self.arrival: Single[Arrival | None] = Single(journal, None)
+        self.orders: Keyed[str, Order] = Keyed(journal)  # order key
+        self.order_seqs: Keyed[bytes, int] = Keyed(journal)  # device key id
+        self.nonces: Keyed[tuple[bytes, bytes], int] = Keyed(journal)  # device key id, nonce: kept until
+        self.effects: Keyed[int, Effect] = Keyed(journal)  # seq of the effect
+        self.owed_acks: Keyed[int, str] = Keyed(journal)  # seq of the send_ack: order key
+        self.cameras: Keyed[str, Camera] = Keyed(journal)  # camera key
+        self.aims: Keyed[str, Aim] = Keyed(journal)  # gimbal key
+        self.vehicles: Keyed[int, Vehicle] = Keyed(journal)  # vehicle number
+        self.objects: Keyed[int, MapObject] = Keyed(journal)  # object number, from 1
+        self.grid: Keyed[tuple[str, int, int], tuple[int, ...]] = Keyed(journal)  # class group, cell east, cell north
+        self.pois: Keyed[str, Poi] = Keyed(journal)  # UUID string
+        self.ignored: Keyed[str, Ignored] = Keyed(journal)  # UUID string of the declined point of interest
+        self.surfacings: Single[tuple[int, ...]] = Single(journal, ())  # flight_ns of questions in the last minute
+        self.frame: Single[Record | None] = Single(journal, None)  # the newest frame, for what is said about it
+        self.scans: Keyed[str, Scan] = Keyed(journal)  # camera key
+        self.deadlines: Keyed[tuple[str, str], int] = Keyed(journal)  # chart, instance: flight_ns
+
+    @property
+    def flight(self) -> Manifest:
+        """The manifest. Raises LookupError before the flight was opened: our fault."""
+        if self.manifest.value is None:
+            raise LookupError("the flight has no manifest yet")
+        return self.manifest.value
+
+    def passed(self, chart: str, now_ns: int) -> tuple[str, ...]:
+        """Return the instances of a chart whose deadline has passed, in order."""
+        return tuple(key[1] for key, at_ns in self.deadlines.items() if key[0] == chart and at_ns <= now_ns)
