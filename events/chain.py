@@ -46,7 +46,10 @@ class Chain:
         self.leaf = leaf
 
     def extend(self, seq: int, cause: int, at: Moment, kind_number: int, version: int, body: bytes) -> bytes:
-        """Return the 32-byte leaf of the next record, and go on from it."""
+        """Return the 32-byte leaf of the next record, and go on from it.
+
+        Raises struct.error for a value that does not fit its column; the chain then stays where it was.
+        """
         header = HEADER.pack(self._flight_id, seq, cause, *at, kind_number, version, self.leaf)
         body_hash = sha256(salt_of(self._secret, seq) + body).digest()
         self.leaf = sha256(b"\x00" + header + body_hash).digest()
@@ -55,7 +58,10 @@ class Chain:
     def check(self, stored: Stored) -> None:
         """Go on over a stored record. Raises ChainBroken where its leaf is not what its content gives."""
         before = self.leaf
-        leaf = self.extend(stored.seq, stored.cause, stored.at, stored.kind_number, stored.version, stored.body)
+        try:
+            leaf = self.extend(stored.seq, stored.cause, stored.at, stored.kind_number, stored.version, stored.body)
+        except (struct.error, TypeError) as error:  # what lies in a file may be of any type and size
+            raise ChainBroken(f"record {stored.seq}: a column does not fit the header: {error}") from error
         if leaf != stored.leaf:
             self.leaf = before
             raise ChainBroken(f"record {stored.seq}: its leaf is not the hash of its content and the leaf before")

@@ -1,0 +1,1 @@
+"""The past, run again: the same code on the recorded observations. It changes no log."""

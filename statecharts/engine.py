@@ -52,6 +52,8 @@ def _hearers(parts: Sequence[Part]) -> dict[str, int]:
 _EVOLVE = _evolvers([*PLAIN, *(part.evolve for part in PARTS)])
 _HEARERS = _hearers(PARTS)
 _PLACES = tuple((1 << index, part) for index, part in enumerate(PARTS))
+_ALL = frozenset(part.chart.name for part in PARTS)
+_SAFETY = frozenset(part.chart.name for part in PARTS if part.safety)
 
 
 def charts_digest() -> bytes:
@@ -113,11 +115,19 @@ def _failed(state: State, observation: Record, chart: str, error: Exception) -> 
 
 
 def _due(state: State, observation: Record) -> int | None:
-    """Return the next deadline. What had passed when time passed was offered then; it is not offered again."""
-    if observation.kind.name != "time_passed":
+    """Return the next deadline that somebody waits for.
+
+    Right after `time_passed` that is a later one: what had passed was offered then. In safe mode the charts that are
+    not asked wait for nothing; a start afterwards finds their deadlines where they were.
+    """
+    told = observation.kind.name == "time_passed"
+    if not told and state.health.value == "normal":
         return state.deadlines.least()
-    later = [at_ns for at_ns in state.deadlines.values() if at_ns > observation.at.flight_ns]
-    return min(later, default=None)
+    waiting = _SAFETY if state.health.value != "normal" else _ALL
+    after_ns = observation.at.flight_ns if told else -1
+    return min(
+        (at_ns for key, at_ns in state.deadlines.items() if key[0] in waiting and at_ns > after_ns), default=None
+    )
 
 
 def steps_of(records: Iterable[Record]) -> Iterator[tuple[Record, ...]]:

@@ -206,6 +206,8 @@ def test_h3_stays_in_one_file() -> None:
         ("a = {1, 2}", "set"),
         ("a = {b for b in c}", "setcomp"),
         ("a = set(b)", "set(...)"),
+        ("a = list({b for b in c})", "setcomp"),
+        ("def f(a):\n    return tuple(frozenset(a))", "frozenset(...)"),
         ("def f(b):\n    return frozenset(b)", "frozenset(...)"),
         ("a = hash('x')", "hash(...)"),
         ("a = id(b)", "id(...)"),

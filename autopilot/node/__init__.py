@@ -1,0 +1,1 @@
+"""The present: the loop that records, decides, commits and performs, and what joins it to its adapters."""

@@ -108,6 +108,9 @@ class EyesSection(Section):
         missing = [key for key in needed[self.source] if not getattr(self, key)]
         if missing:
             raise ValueError(f'source = "{self.source}" needs {" and ".join(missing)}')
+        host, _, port = self.endpoint.rpartition(":")
+        if self.endpoint and not (host and port.isascii() and port.isdigit() and 1 <= int(port) <= 65_535):
+            raise ValueError(f'endpoint is host:port, such as 127.0.0.1:7600, not "{self.endpoint}"')
         return self
 
 
@@ -144,10 +147,10 @@ class FindSection(Section):
     same_poi_m: float = Field(15, gt=0, le=1000, description="Sightings nearer than this are one question.")
     ask_confidence: float = Field(0.4, ge=0, le=1, description="Below it nobody is asked.")
     asks_per_minute: int = Field(5, ge=1, le=60, description="Questions to the operator in a rolling minute.")
-    decide_shortest_s: float = Field(30, gt=0, description="Time to decide at 40 % confidence.")
-    decide_longest_s: float = Field(120, gt=0, description="Time to decide at 100 % confidence.")
-    queue_longest_s: float = Field(300, gt=0, description="A question waits at most this long to be asked.")
-    ask_again_s: float = Field(300, ge=0, description="After an expired question the place is left alone.")
+    decide_shortest_s: float = Field(30, gt=0, le=86_400, description="Time to decide at 40 % confidence.")
+    decide_longest_s: float = Field(120, gt=0, le=86_400, description="Time to decide at 100 % confidence.")
+    queue_longest_s: float = Field(300, gt=0, le=86_400, description="A question waits at most this long to be asked.")
+    ask_again_s: float = Field(300, ge=0, le=86_400, description="After an expired question the place is left alone.")
     sightings_to_ask: int = Field(3, ge=1, le=1000, description="Sightings of one thing before a person is asked.")
 
     @model_validator(mode="after")
@@ -168,7 +171,9 @@ class ScanSection(Section):
     enabled: bool = Field(False, description="True: the node looks closer at what it found.")
     look_s: float = Field(4, gt=0, le=600, description="The camera rests on a finding this long.")
     sweep_pitch_deg: float = Field(-35, ge=-90, le=30, description="Pitch of the sweep, up positive.")
-    frame_rate_floor: float = Field(10, ge=0, le=240, description="Frames a second under which it does not look closer.")
+    frame_rate_floor: float = Field(
+        10, ge=0, le=240, description="Frames a second under which it does not look closer."
+    )
 
 
 class LimitsSection(Section):
@@ -183,8 +188,8 @@ class LimitsSection(Section):
     arrival_tolerance_deg: float = Field(1.0, gt=0, le=45, description="The gimbal has arrived within this.")
     arrival_patience_s: float = Field(10, gt=0, le=120, description="It is said not to have arrived after this.")
     dedup_keep_h: float = Field(24, gt=0, le=240, description="Stored results are kept this long.")
-    failures_to_safe_mode: int = Field(3, ge=1, description="Failed steps within failure_window_s.")
-    failure_window_s: float = Field(60, gt=0, description="Window of the failed steps.")
+    failures_to_safe_mode: int = Field(3, ge=1, le=1000, description="Failed steps within failure_window_s.")
+    failure_window_s: float = Field(60, gt=0, le=86_400, description="Window of the failed steps.")
     own_command_life_s: float = Field(5, gt=0, le=60, description="A command of the node's own is dropped after this.")
 
 

@@ -1,0 +1,1 @@
+"""A small world to fly in, all from one seed: an aircraft that speaks MAVLink, things on the ground, a router."""

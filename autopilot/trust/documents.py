@@ -55,9 +55,11 @@ def is_name(text: str) -> bool:
 def is_canonical(message: Message, data: bytes) -> bool:
     """Say whether `data` is the one encoding of `message` that a strict parser takes.
 
-    Encoding it again must give the same bytes, which leaves no room for unknown, doubled or
-    reordered fields and overlong numbers; and no field may carry its default explicitly.
+    Encoding it again must give the same bytes, which leaves no room for doubled or reordered
+    fields and overlong numbers; and no field may carry its default explicitly. Unknown fields are
+    taken out of `message` first, for protobuf keeps them and would write them back.
     """
+    message.DiscardUnknownFields()
     return message.SerializeToString(deterministic=True) == data and _lacks_explicit_defaults(message)
 
 

@@ -5,13 +5,12 @@ A flight ships and is deleted as one folder. Which flight is open is decided by 
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from events.store.protocol import StoreFailed, StoreMissing
-from events.store.sqlite import SqliteReader, SqliteStore
+from events.store.sqlite import SqliteReader, SqliteStore, sync_folder
 
 DATABASE = "flight.db"
 _NAME = re.compile(r"(\d{6})-[0-9a-f]{8}")
@@ -45,19 +44,10 @@ def create_flight(root: Path, number: int, flight_id: bytes, secret: bytes) -> t
     try:
         root.mkdir(parents=True, exist_ok=True)
         flight.folder.mkdir(mode=0o700)
-        _sync_folder(root)
+        sync_folder(root)
     except OSError as error:
         raise StoreFailed(f"the flight's folder can't be made: {error}") from error
     return flight, SqliteStore.create(flight.database, flight_id, secret)
-
-
-def _sync_folder(folder: Path) -> None:
-    # A new name is durable only when its folder is: without this a power cut takes the whole flight.
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def open_flight(flight: Flight) -> SqliteStore:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Sequence
 
 from events.chain import FIRST_LEAF_BEFORE, Chain
@@ -35,16 +36,23 @@ class MemoryStore:
         return Head(len(self._rows) - 1, self._rows[-1].leaf if self._rows else FIRST_LEAF_BEFORE)
 
     def append(self, records: Sequence[Record]) -> Head:
-        """Keep the records. Raises ValueError on a gap, StoreFailed when closed."""
+        """Keep the records, all or none. Raises ValueError on a gap or a misfit, StoreFailed when closed."""
         if self._closed:
             raise StoreFailed("the store is closed")
         expected = range(len(self._rows), len(self._rows) + len(records))
         if [record.seq for record in records] != list(expected):
             raise ValueError(f"records must go on at seq {expected.start} without a gap")
-        for record in records:
-            fields = (record.seq, record.cause, record.at, record.kind.number, record.version, record.body)
-            self._rows.append(Stored(*fields, leaf=self._chain.extend(*fields)))
+        try:
+            rows = [self._row(record) for record in records]
+        except struct.error as error:
+            self._chain.leaf = self.head.leaf
+            raise ValueError(f"a record does not fit the header: {error}") from error
+        self._rows.extend(rows)
         return self.head
+
+    def _row(self, record: Record) -> Stored:
+        fields = (record.seq, record.cause, record.at, record.kind.number, record.version, record.body)
+        return Stored(*fields, leaf=self._chain.extend(*fields))
 
     def stored(self, start: int = 0, stop: int | None = None) -> Iterator[Stored]:
         """Yield the rows with start <= seq < stop."""

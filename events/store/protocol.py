@@ -51,8 +51,8 @@ class Appender(Reader, Protocol):
     def append(self, records: Sequence[Record]) -> Head:
         """Make the records durable in one transaction and return the new head.
 
-        They must follow the head without a gap (ValueError). After StoreFailed nothing of them counts
-        and the store takes nothing more.
+        They must follow the head without a gap and fit their columns (ValueError: nothing was taken, and the
+        store goes on). After StoreFailed nothing of them counts and the store takes nothing more.
         """
 
     def idle(self) -> None:

@@ -6,7 +6,10 @@ descriptor drops POSIX locks. Pragmas are set and then asserted, for a compiled 
 
 from __future__ import annotations
 
+import os
+import struct
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +64,8 @@ class SqliteReader:
         if not path.exists():
             raise StoreMissing(f"there is no log at {path}")
         self._connection = _connect(path, apsw.SQLITE_OPEN_READONLY)
-        self.flight_id, self.secret = _identity(self._connection)
+        with _opening(self._connection, path):
+            self.flight_id, self.secret = _identity(self._connection)
 
     @property
     def head(self) -> Head:
@@ -87,38 +91,45 @@ class SqliteStore:
         self._connection = _connect(path, apsw.SQLITE_OPEN_READWRITE)
         self._broken = False
         self._wal_pages = 0
-        _set_pragmas(self._connection)
-        self._connection.set_wal_hook(self._committed)
-        self.flight_id, self.secret = _identity(self._connection)
-        self.head = _head(self._connection)
+        with _opening(self._connection, path):
+            _set_pragmas(self._connection)
+            self._connection.set_wal_hook(self._committed)
+            self.flight_id, self.secret = _identity(self._connection)
+            self.head = _head(self._connection)
         self._chain = Chain(self.flight_id, self.secret, self.head.leaf)
 
     @classmethod
     def create(cls, path: Path, flight_id: bytes, secret: bytes) -> SqliteStore:
-        """Make the database of a new flight. Raises StoreFailed, also where the file exists."""
+        """Make the database of a new flight. Raises StoreFailed, also where the file exists.
+
+        It gets its name when it is whole: a start that is cut short leaves no log that can't be opened.
+        """
         if path.exists():
             raise StoreFailed(f"{path} is there already: a flight is never written over")
-        connection = _connect(path, apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_CREATE)
-        try:
+        unfinished = path.with_name(f"{path.name}.new")
+        connection = _connect(unfinished, apsw.SQLITE_OPEN_READWRITE | apsw.SQLITE_OPEN_CREATE)
+        with _opening(connection, path):
             _set_pragmas(connection)
             with connection:
                 connection.execute(_SCHEMA)
                 meta = {"flight_id": flight_id, "secret": secret}
                 connection.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
-        except apsw.Error as error:
-            raise StoreFailed(f"{path}: {error}") from error
-        finally:
             connection.close()
+            os.rename(unfinished, path)
+            sync_folder(path.parent)
         return cls(path)
 
     def append(self, records: Sequence[Record]) -> Head:
-        """Commit the records in one durable transaction. Raises ValueError on a gap, StoreFailed."""
+        """Commit the records in one durable transaction. Raises ValueError on a gap or a misfit, StoreFailed."""
         if self._broken:
             raise StoreFailed("the store failed before and takes nothing more")
-        rows = list(self._rows_of(records))
         try:
+            rows = list(self._rows_of(records))
             with self._connection:
                 self._connection.executemany(_INSERT, rows)
+        except (struct.error, OverflowError) as error:
+            self._chain.leaf = self.head.leaf
+            raise ValueError(f"a record does not fit its columns: {error}") from error
         except (apsw.Error, OSError) as error:
             self._broken = True
             raise StoreFailed(f"the log could not be written: {error}") from error
@@ -175,6 +186,28 @@ def _connect(path: Path, flags: int) -> apsw.Connection:
     return connection
 
 
+@contextmanager
+def _opening(connection: apsw.Connection, path: Path) -> Iterator[None]:
+    """Let go of the file where opening it goes wrong, and say so. Raises StoreFailed."""
+    try:
+        yield
+    except StoreFailed:
+        connection.close()
+        raise
+    except (apsw.Error, OSError) as error:
+        connection.close()
+        raise StoreFailed(f"{path}: {error}") from error
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable: without this a power cut takes the whole file. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def _set_pragmas(connection: apsw.Connection) -> None:
     for name, wanted in _PRAGMAS.items():
         connection.pragma(name, wanted)
@@ -192,7 +225,10 @@ def _identity(connection: apsw.Connection) -> tuple[bytes, bytes]:
 
 
 def _head(connection: apsw.Connection) -> Head:
-    row = connection.execute("SELECT seq, leaf FROM record ORDER BY seq DESC LIMIT 1").fetchone()
+    try:
+        row = connection.execute("SELECT seq, leaf FROM record ORDER BY seq DESC LIMIT 1").fetchone()
+    except apsw.Error as error:
+        raise StoreFailed(f"the log could not be read: {error}") from error
     return Head(-1, FIRST_LEAF_BEFORE) if row is None else Head(row[0], bytes(row[1]))
 
 

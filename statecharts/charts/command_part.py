@@ -79,7 +79,7 @@ def _arrived(state: State, record: Record) -> tuple[Message, ...]:
 
 def _repeat(order: Order, in_reply_to: bytes, because: str) -> SendAck:
     if order.state in FINAL:
-        return _ack(order, in_reply_to, RESULTS[order.state], order.detail, final=True, duplicate=True)
+        return _stored(order, in_reply_to, duplicate=True)
     return _ack(order, in_reply_to, orders_pb2.ACK_ACCEPTED, because, final=False, duplicate=True)
 
 
@@ -118,8 +118,8 @@ def _outcome(state: State, record: Record) -> tuple[Message, ...]:
     outcome = record.message
     assert isinstance(outcome, CommandSent | CommandAnswered | CommandUnanswered)
     effect = state.effects.get(outcome.effect_seq)
-    if effect is None or not effect.order:
-        return ()
+    if effect is None or effect.order not in state.orders:
+        return ()  # nothing that waits: the node's own wish, or an order that is forgotten by now
     return _fire(state, record, effect.order)
 
 
@@ -141,8 +141,8 @@ def _fire(state: State, record: Record, key: str) -> tuple[Message, ...]:
     detail = _detail(record, row.because)
     move.because = detail
     ack = _ack(order, order.in_reply_to, RESULTS[row.target], detail, final=True)
-    if isinstance(message, CommandAnswered):
-        ack.mav_result = message.mav_result
+    if order.mav_result is not None:
+        ack.mav_result = order.mav_result
     return move, ack
 
 
@@ -158,12 +158,13 @@ def _detail(record: Record, because: str) -> str:
 def _restarted(state: State, record: Record) -> tuple[Message, ...]:
     pending = tuple(key for key, order in state.orders.items() if order.state in UNDERWAY)
     owed = [state.orders[key] for _, key in state.owed_acks.items() if key in state.orders]
-    again = tuple(_ack_again(order) for order in owed if order.state in FINAL)
+    again = tuple(_stored(order, order.in_reply_to) for order in owed if order.state in FINAL)
     return (*_fire_all(state, record, pending), *again)
 
 
-def _ack_again(order: Order) -> SendAck:
-    ack = _ack(order, order.in_reply_to, RESULTS[order.state], order.detail, final=True)
+def _stored(order: Order, in_reply_to: bytes, *, duplicate: bool = False) -> SendAck:
+    """Return the stored result of an order, whole, for a repeat of it or because it is still owed."""
+    ack = _ack(order, in_reply_to, RESULTS[order.state], order.detail, final=True, duplicate=duplicate)
     if order.mav_result is not None:
         ack.mav_result = order.mav_result
     return ack

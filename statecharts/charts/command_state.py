@@ -138,7 +138,9 @@ def _owe_ack(state: State, record: Record) -> None:
     ack = record.message
     assert isinstance(ack, SendAck)
     key = order_key(ack.principal_id, ack.command_id)
-    if ack.final and key in state.orders:
+    order = state.orders.get(key)
+    # A refusal of another body under the same id is no answer to the order: it must not take its place.
+    if order is not None and ack.final and order.state in FINAL and ack.detail == order.detail:
         state.owed_acks.drop_where(lambda owed: owed == key)
         state.owed_acks.put(record.seq, key)
 
@@ -146,7 +148,8 @@ def _owe_ack(state: State, record: Record) -> None:
 def _ack_left(state: State, record: Record) -> None:
     published = record.message
     assert isinstance(published, AckPublished)
-    state.owed_acks.drop(published.effect_seq)
+    if not published.failure:
+        state.owed_acks.drop(published.effect_seq)
 
 
 EVOLVE: dict[str, Evolve] = {

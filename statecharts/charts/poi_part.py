@@ -233,13 +233,13 @@ def _apply_move(state: State, record: Record) -> None:
 
 
 def _wait_for_room(state: State, now_ns: int) -> None:
-    """Keep the deadline at which the oldest question of the minute no longer counts, while others wait."""
-    waiting = any(poi.state == "enqueued" for poi in state.pois.values())
-    surfacings = state.surfacings.value
-    if waiting and surfacings:
-        state.deadlines.put((CHART.name, QUEUE), max(surfacings[0] + MINUTE_NS, now_ns))
-    else:
+    """While questions wait, keep the deadline at which the minute has room for one: now, if it has."""
+    if not any(poi.state == "enqueued" for poi in state.pois.values()):
         state.deadlines.drop((CHART.name, QUEUE))
+        return
+    recent = [at_ns for at_ns in state.surfacings.value if at_ns > now_ns - MINUTE_NS]
+    too_many = len(recent) - state.flight.limits.asks_per_minute
+    state.deadlines.put((CHART.name, QUEUE), now_ns if too_many < 0 else recent[too_many] + MINUTE_NS)
 
 
 def _window_ns(state: State, confidence_e4: int) -> int:

@@ -31,7 +31,11 @@ RAW_BUDGETS = {1: 0.95, 32: 0.75, 128: 0.6}
 RECORDER_BUDGETS = {1: 1.1, 100: 1.15}
 SAVE_BUDGETS = {1: 1.5, 100: 3.0}
 
-_COLUMNS = "seq INTEGER PRIMARY KEY, cause, flight_ns, mono_ns, boot, wall_ns, clock_quality, kind, version, body, leaf"
+_COLUMNS = """
+seq INTEGER PRIMARY KEY, cause INTEGER NOT NULL, flight_ns INTEGER NOT NULL, mono_ns INTEGER NOT NULL,
+boot INTEGER NOT NULL, wall_ns INTEGER NOT NULL, clock_quality INTEGER NOT NULL, kind INTEGER NOT NULL,
+version INTEGER NOT NULL, body BLOB NOT NULL, leaf BLOB NOT NULL
+"""
 _INSERT = f"INSERT INTO record VALUES ({', '.join('?' * 11)})"
 FULL = 2
 

@@ -104,7 +104,7 @@ def main() -> int:
             print(error, file=sys.stderr)
             return EX_UNAVAILABLE
         except BrokenPipeError:
-            os.dup2(2, out.fileno())  # what is left in the buffer must not fail once more at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # closing must not fail once more
     return EX_OK
 
 

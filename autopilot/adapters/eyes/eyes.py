@@ -21,7 +21,7 @@ from google.protobuf.message import Message
 from autopilot.adapters.eyes.framing import Broken, read_framed
 from autopilot.adapters.eyes.judging import Rejection, judged
 from autopilot.adapters.eyes.places import Places
-from autopilot.adapters.eyes.sources import CHILD, Child, Connection, Lost, Refused
+from autopilot.adapters.eyes.sources import Lost, Refused, Source, source_of
 from autopilot.geo import Origin
 from autopilot.ports.config import EyesSection
 from autopilot.ports.edges import Clock, InputClass, Offer, PoseSource
@@ -56,13 +56,13 @@ class Eyes:
         camera: int = 1,
         vehicle: int = 1,
         room: Callable[[], bool] = lambda: True,
-        command: Sequence[str] = CHILD,
+        source: Source | None = None,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         """Take what it needs; nothing starts yet.
 
         `room` says whether the inbox takes a frame without dropping one; a file read with
-        `pace = "fast"` waits for it. `command` and `sleep` are for tests.
+        `pace = "fast"` waits for it. `source` and `sleep` are the configured ones unless a test brings its own.
         """
         self.ended = asyncio.Event()
         self.refusal: str | None = None
@@ -72,9 +72,7 @@ class Eyes:
         self._camera, self._vehicle = camera, vehicle
         self._places = Places(settings, origin, pose_source, groups)
         self._waits = settings.source == "file" and settings.pace == "fast"
-        self._source = (
-            Connection(settings.endpoint) if settings.source == "external" else Child(settings, camera, command)
-        )
+        self._source = source or source_of(settings, camera)
         self._task: asyncio.Task[None] | None = None
         self._told: tuple[str, str] = ("", "")
         self._running_since_ns: int | None = None
@@ -115,7 +113,7 @@ class Eyes:
             wait_s = min(2 * wait_s, longest_s)
 
     def _ran_for_s(self) -> float:
-        """Return how long the last source ran; one that fails again and again soon after its start must not look well."""
+        """Return how long the last source ran: one that always fails soon after its start waits ever longer."""
         since_ns = self._running_since_ns
         return 0.0 if since_ns is None else (self._clock.mono_ns() - since_ns) / 1e9
 
@@ -149,7 +147,8 @@ class Eyes:
         except TimeoutError:
             raise Lost(f"nothing heard from the detector for {self._settings.silence_s:g} s") from None
         except Broken as broken:
-            raise self._unusable(broken.because) from broken
+            lost = self._unusable(broken.because)
+            raise (await self._source.why() if broken.because == "cut_short" else lost) from broken
         except OSError as error:
             raise Lost(f"the detector's connection broke: {error.strerror or error}") from error
 

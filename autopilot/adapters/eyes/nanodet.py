@@ -78,7 +78,7 @@ def _of_stride(scores: Floats, sides: Floats, stride: int, width_px: int, confid
 
 def _expectation(sides: Floats) -> Floats:
     """Return the expected distance of each side, in strides, from n x (4 x bins) logits."""
-    logits = sides.reshape(len(sides), 4, -1)
+    logits = sides.reshape(len(sides), 4, sides.shape[1] // 4)
     weights = np.exp(logits - logits.max(axis=2, keepdims=True))
     expected: Floats = (weights @ np.arange(logits.shape[2], dtype=np.float32)) / weights.sum(axis=2)
     return expected

@@ -12,6 +12,7 @@ import json
 import logging
 import sys
 from collections.abc import Sequence
+from typing import Protocol
 
 from autopilot.ports.config import EyesSection
 
@@ -31,14 +32,40 @@ class Refused(Lost):
     """The source can never work as configured; a new try makes no sense."""
 
 
+class Source(Protocol):
+    """A stream of framed messages that can be opened again and again."""
+
+    async def open(self) -> asyncio.StreamReader:
+        """Open the stream. Raises `Lost`."""
+
+    async def why(self) -> Lost:
+        """Return why the stream has stopped; called once it has."""
+
+    async def close(self) -> None:
+        """Close the stream, whatever state it is in."""
+
+
+def source_of(settings: EyesSection, camera: int) -> Source:
+    """Return the source that is configured."""
+    return Connection(settings.endpoint) if settings.source == "external" else Child(settings, camera)
+
+
 class Child:
     """The process `autopilot.adapters.eyes.child`, in a session of its own so that Ctrl-C reaches the node alone."""
 
-    def __init__(self, settings: EyesSection, camera: int, command: Sequence[str] = CHILD) -> None:
+    def __init__(
+        self, settings: EyesSection, camera: int, command: Sequence[str] = CHILD, patience_s: float = STOP_PATIENCE_S
+    ) -> None:
+        self._patience_s = patience_s
         self._told = json.dumps({**settings.model_dump(mode="json"), "camera": camera}).encode() + b"\n"
         self._command = command
         self._process: asyncio.subprocess.Process | None = None
         self._words: asyncio.Task[str] | None = None
+
+    @property
+    def pid(self) -> int | None:
+        """Process id while there is a process."""
+        return None if self._process is None else self._process.pid
 
     async def open(self) -> asyncio.StreamReader:
         """Start the process, tell it the settings, and return its output. Raises `Lost` where it cannot be started."""
@@ -73,7 +100,7 @@ class Child:
         with contextlib.suppress(ProcessLookupError):
             self._process.terminate()
         try:
-            async with asyncio.timeout(STOP_PATIENCE_S):
+            async with asyncio.timeout(self._patience_s):
                 await self._gone()
         except TimeoutError:
             self._process.kill()

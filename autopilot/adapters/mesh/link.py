@@ -91,7 +91,7 @@ class Link:
         reconnect_ms: int = 500,
     ) -> None:
         """Make a link to `connect` (Zenoh endpoints); peers may also `listen`. `start` opens it."""
-        self._make_config = lambda: session_config(mode, connect, listen, reconnect_ms)
+        self._settings = (mode, tuple(connect), tuple(listen), reconnect_ms)
         self._reconnect_s = reconnect_ms / 1000
         self._subscriptions: list[tuple[str, Receive]] = []
         self._declared: list[object] = []  # Zenoh undeclares a subscriber that nobody holds
@@ -153,7 +153,7 @@ class Link:
     def _open(self) -> None:
         while not self._stopped.is_set():
             try:
-                session = zenoh.open(self._make_config())
+                session = zenoh.open(session_config(*self._settings))
             except zenoh.ZError:
                 self._stopped.wait(self._reconnect_s)
                 continue

@@ -3,9 +3,9 @@
 Messages carry the vehicle's time since boot. `VehicleTime` turns it into this machine's monotonic
 time by the smallest delay seen lately, so that a late datagram does not move the aircraft. Between
 two samples everything is interpolated, angles the short way round. Beyond the newest sample a
-position goes on by its speed for 1 s, a heading by its turn rate for 0.5 s, and a gimbal that
-stands still is taken to stand still for 0.5 s; one that moves is not known there. Where there is
-no honest answer it is None.
+position goes on by its speed for 1 s, a heading by its turn rate for 0.5 s, and a gimbal by what it
+did between its last two samples for 0.3 s; one that moves fast is not known there, for nobody
+knows where it stops. Where there is no honest answer it is None.
 
 Nothing here knows MAVLink or thins anything.
 """
@@ -25,7 +25,8 @@ SAMPLES = 128  # 25 s of positions at 5 Hz, 13 s of attitudes at 10 Hz
 GAP_NS = 2 * _S  # between samples farther apart nobody knows
 POSITION_BEYOND_NS = _S
 ATTITUDE_BEYOND_NS = _S // 2
-STILL_DEG = 1.0  # a gimbal that moved less between its last two samples stands still
+VIEW_BEYOND_NS = 3 * _S // 10
+STEADY_DEG = 3.0  # a gimbal that moved more between its last two samples is on its way somewhere
 REBOOT_NS = 2 * _S  # a sample later than this by the vehicle's own clock: that clock began again
 DRIFT = 1e-4  # of two cheap clocks, generously
 _METRES_A_DEGREE = 111_320.0
@@ -81,6 +82,13 @@ class Track:
             later = sample
         return None
 
+    def rates_to(self, at_ns: int, values: tuple[float, ...]) -> tuple[float, ...]:
+        """Return how fast values changed since the newest sample, per second; 0 where there is none."""
+        if not self._samples or not 0 < at_ns - self._samples[-1].at_ns <= GAP_NS:
+            return (0.0,) * len(values)
+        last, seconds = self._samples[-1], (at_ns - self._samples[-1].at_ns) / _S
+        return tuple(self._difference(i, last, Sample(at_ns, values, ())) / seconds for i in range(len(values)))
+
     def last_step(self) -> float:
         """Return the largest change of a value between the last two samples; 0 where there are not two."""
         if len(self._samples) < 2:
@@ -128,7 +136,7 @@ class Poses:
     def __init__(self) -> None:
         self._positions = Track((True, True, False, False), POSITION_BEYOND_NS)
         self._yaws = Track((True,), ATTITUDE_BEYOND_NS)
-        self._views = Track((True, True), ATTITUDE_BEYOND_NS)
+        self._views = Track((True, True), VIEW_BEYOND_NS)
         self._view_from_north = False
 
     def add_position(self, at_ns: int, position: Position) -> None:
@@ -159,7 +167,8 @@ class Poses:
         if view.from_north != self._view_from_north:
             self._views.clear()
             self._view_from_north = view.from_north
-        self._views.add(Sample(at_ns, (view.pitch_deg, view.yaw_deg), (0.0, 0.0)))
+        values = (view.pitch_deg, view.yaw_deg)
+        self._views.add(Sample(at_ns, values, self._views.rates_to(at_ns, values)))
 
     def vehicle_at(self, at_ns: int) -> Whereabouts | None:
         """Return position and heading at a moment, or None where one is not known."""
@@ -169,7 +178,7 @@ class Poses:
     def view_at(self, at_ns: int) -> tuple[float, float] | None:
         """Return pitch to the horizon and yaw from north of the view in degrees, or None where it is not known."""
         newest_ns = self._views.newest_ns()
-        if newest_ns is None or (at_ns > newest_ns and self._views.last_step() > STILL_DEG):
+        if newest_ns is None or (at_ns > newest_ns and self._views.last_step() > STEADY_DEG):
             return None
         view = self._views.at(at_ns)
         if view is None or self._view_from_north:

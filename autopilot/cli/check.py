@@ -1,0 +1,77 @@
+"""`autopilot check`: judges a configuration and says every problem with its line; starts nothing."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import sys
+from typing import Any
+
+from autopilot.cli.configuration import DEFAULT_PATH, VARIABLE, ConfigurationError, load
+from autopilot.ports.config import Config
+
+EPILOG = """\
+examples:
+  autopilot check --config examples/drone.toml --elsewhere
+  autopilot check --config config.toml --json | jq '.problems[].line'
+  autopilot check --schema > autopilot.schema.json     for the editor
+
+exit codes: 0 the configuration is good, 78 it is not (every problem is on stderr)
+"""
+
+
+def add(commands: Any) -> None:
+    """Add the command to argparse's sub-parsers."""
+    parser = commands.add_parser(
+        "check",
+        help="judge a configuration",
+        description="Judge a configuration: every key, value and input file, without starting anything.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--config", metavar="FILE", help=f"the configuration (default: ${VARIABLE} or {DEFAULT_PATH})")
+    parser.add_argument("--elsewhere", action="store_true", help="it is for another machine: input files may be absent")
+    parser.add_argument("--json", action="store_true", help="say it as one JSON object on stdout")
+    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of the configuration and end")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; return 0 or 78."""
+    if args.schema:
+        print(json.dumps(Config.model_json_schema(), indent=2))
+        return 0
+    try:
+        config = load(args.config, os.environ, inputs=not args.elsewhere)
+    except ConfigurationError as error:
+        if args.json:
+            problems = [dataclasses.asdict(problem) for problem in error.problems]
+            print(json.dumps({"good": False, "problems": problems, "summary": []}))
+        print(error, file=sys.stderr)
+        return error.exit_code
+    lines = summary(config)
+    if args.json:
+        print(json.dumps({"good": True, "problems": [], "summary": lines}))
+    else:
+        print("\n".join(["the configuration is good", *(f"  {line}" for line in lines)]))
+    return 0
+
+
+def summary(config: Config) -> list[str]:
+    """Return in a few lines what this node will do, so that a forgotten switch is seen before the flight."""
+    mesh, vehicle, eyes = config.mesh, config.vehicle, config.eyes
+    orders = "not taken ([command] enabled = false)"
+    if config.command.enabled:
+        orders = f"taken; the camera from roles {', '.join(config.command.camera_roles) or 'none: nobody may point it'}"
+    looks = {"file": f"file {eyes.path}", "device": f"camera {eyes.device}", "external": f"detector at {eyes.endpoint}"}
+    pose = "fixed pose" if eyes.pose else "pose from the vehicle"
+    return [
+        f"orders: {orders}",
+        f"mesh: {', '.join((*mesh.connect, *mesh.listen)) or 'none'}",
+        f"vehicle: {vehicle.connect or vehicle.listen or 'none'}",
+        f"eyes: {looks[eyes.source] + ', ' + pose if eyes.source in looks else 'none'}",
+        f"camera moved by the node itself: {'yes' if config.scan.enabled else 'no'}",
+        f"flights: {config.node.flights}",
+    ]

@@ -1,0 +1,82 @@
+"""`autopilot demo`: a whole flight on this machine, in words a person can follow."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from autopilot.cli.demonstration.ending import end
+from autopilot.cli.demonstration.stage import ProcessFailed, Stage
+from autopilot.cli.demonstration.story import WHOLE_STORY_S, Consoles, Story, Surprise
+from autopilot.sim.route import Route
+
+SHORTEST_S = 15.0
+
+_EPILOG = """\
+examples:
+  autopilot demo                                   a minute, in a new folder
+  autopilot demo --dir flight --seconds 45 --seed 7
+  autopilot demo --seconds 15 --json               the short story; the last line is one JSON object
+
+Everything runs on loopback: a Zenoh router, a simulated aircraft that speaks MAVLink over UDP, the daemon, and
+four people with keys of their own. From 45 s on the whole story is told, from 15 s a shorter one.
+"""
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "demo",
+        help="a whole flight on this machine: aircraft, camera, operators",
+        description="Fly a whole flight on this machine, without a drone and without a network.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--dir", type=Path, help="a folder to fly in, new or empty (default: a temporary one)")
+    parser.add_argument("--seconds", type=float, default=60.0, help="length of the flight (default: 60)")
+    parser.add_argument("--seed", type=int, default=1, help="what the world looks like (default: 1)")
+    parser.add_argument("--json", action="store_true", help="words to stderr, one JSON object to stdout")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly, land, export, replay."""
+    if arguments.seconds < SHORTEST_S:
+        print(f"autopilot demo: --seconds must be at least {SHORTEST_S:.0f}", file=sys.stderr)
+        return os.EX_USAGE
+    folder = Path(tempfile.mkdtemp(prefix="autopilot-demo-")) if arguments.dir is None else arguments.dir.resolve()
+    if folder.exists() and any(folder.iterdir()):
+        print(f"autopilot demo: {folder} is not empty; give another --dir", file=sys.stderr)
+        return os.EX_CANTCREAT
+    folder.mkdir(parents=True, exist_ok=True)
+    words = sys.stderr if arguments.json else sys.stdout
+    began = time.monotonic()
+
+    def say(text: str) -> None:
+        print(f"[{time.monotonic() - began:5.1f} s] {text}", file=words, flush=True)
+
+    try:
+        summary = _fly(folder, arguments.seconds, arguments.seed, say)
+    except (Surprise, ProcessFailed) as error:
+        say(f"The demo stopped: {error}. What the processes said lies in {folder / 'logs'}.")
+        return 1
+    if arguments.json:
+        print(json.dumps(summary))
+    return os.EX_OK if summary["replay"] == "identical" else os.EX_DATAERR
+
+
+def _fly(folder: Path, seconds: float, seed: int, say: Callable[[str], None]) -> dict[str, object]:
+    """Play the story on its stage and return the summary of how it ended."""
+    say(f"A flight of {seconds:.0f} s, seed {seed}, in {folder}.")
+    with Stage(folder, seconds, seed) as stage:
+        with Consoles.of(stage) as consoles:
+            Story(stage, consoles, Route(seed, seconds), say).tell(whole=seconds >= WHOLE_STORY_S)
+        flight = stage.flight
+        stage.node.stop()
+    return end(folder, flight, say)

@@ -1,0 +1,2 @@
+"""x"""
+def end(*a): return {}

@@ -1,0 +1,192 @@
+"""`autopilot order`: an operator's orders from a shell.
+
+One order a call, answered before it returns, or a look at a node's status; the work is
+`autopilot.ground.issuer`'s.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+
+from google.protobuf.json_format import MessageToDict
+
+from autopilot.ground import compose
+from autopilot.ground.issuer import Issuer, SeenStatus
+from autopilot.ground.ledger import Answer, Order
+from autopilot.trust.clock import HostClock, wall_ms
+from autopilot.trust.identity import IdentityError, load_identity
+from autopilot.trust.limits import KEY_BYTES, ORDER_TTL_MS, TTL_MS_MAX
+from events.schema.waypoint_pb2 import DeviceCommand, NodeStatus
+
+_EXAMPLES = """\
+examples:
+  autopilot order roi 52.1000 4.3000 12 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
+  autopilot order look -30 90 --north --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
+  autopilot order confirm 0190b5a2-... --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
+  autopilot order watch --seconds 10 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
+
+exit codes: 0 accepted, 1 rejected or not carried out, 69 no answer, 77 not permitted, 78 identity unusable
+"""
+_FOUND_WITHIN_S = 10.0  # a node publishes its status every second; this allows for a slow link
+_EXIT = {"accepted": os.EX_OK, "unauthorised": os.EX_NOPERM}
+
+Compose = Callable[[argparse.Namespace], DeviceCommand]
+
+
+def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to `commands`."""
+    parser = commands.add_parser(
+        "order",
+        help="an operator's orders: roi, look, release, confirm, decline, watch",
+        description="Give a node an order and wait for its answer, or watch its status.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    roi = _verb(
+        verbs, "roi", "point the camera at a place", lambda a: compose.point_at_place(a.lat, a.lon, a.alt, a.camera)
+    )
+    roi.add_argument("lat", type=_number(90), help="latitude, degrees north")
+    roi.add_argument("lon", type=_number(180), help="longitude, degrees east")
+    roi.add_argument("alt", type=_number(20_000), help="altitude above mean sea level, metres")
+    look = _verb(
+        verbs,
+        "look",
+        "point the camera by angles",
+        lambda a: compose.point_at_angles(a.pitch, a.yaw, north=a.north, camera=a.camera),
+    )
+    look.add_argument("pitch", type=_number(90), help="degrees, up positive")
+    look.add_argument("yaw", type=_number(360), help="degrees clockwise from the nose")
+    look.add_argument("--north", action="store_true", help="yaw counts from north and is held there")
+    _verb(verbs, "release", "give the camera back", lambda a: compose.release(a.camera))
+    for word, confirmed in (("confirm", True), ("decline", False)):
+        judge = _verb(verbs, word, f"{word} a finding", _judgement(confirmed=confirmed))
+        judge.add_argument("poi", metavar="POI", help="id of the finding, as the status shows it")
+    watch = _verb(verbs, "watch", "show the node's status as it changes", None)
+    watch.add_argument("--seconds", type=float, default=float("inf"), metavar="N", help="stop after N seconds")
+
+
+def _verb(
+    verbs: argparse._SubParsersAction[argparse.ArgumentParser], name: str, words: str, command: Compose | None
+) -> argparse.ArgumentParser:
+    parser = verbs.add_parser(name, help=words, description=f"{words[0].upper()}{words[1:]}.")
+    parser.add_argument("--identity", required=True, metavar="FOLDER", help="folder of the operator's identity")
+    parser.add_argument("--connect", required=True, action="append", metavar="tcp/HOST:PORT", help="Zenoh endpoint")
+    parser.add_argument("--to", required=True, metavar="NODE", help="principal id of the node")
+    parser.add_argument("--node-key", type=_key, metavar="HEX", help="the node's public key, where it is not known yet")
+    parser.add_argument("--camera", type=int, default=1, metavar="N", help="camera, from 1")
+    parser.add_argument("--life", type=_life, default=ORDER_TTL_MS / 1000, metavar="S", help="how long it may be tried")
+    parser.add_argument("--json", action="store_true", help="answer as JSON")
+    parser.set_defaults(run=run, compose=command)
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Give the order that `args` holds, or watch; return the exit code."""
+    try:
+        identity = load_identity(args.identity, wall_ms(HostClock()))
+    except IdentityError as error:
+        print(error, file=sys.stderr)
+        return os.EX_CONFIG
+    with Issuer(identity, args.connect) as issuer:
+        if args.node_key is not None:
+            issuer.know_node(args.to, args.node_key)
+        if args.compose is None:
+            return _watch(issuer, args)
+        return _order(issuer, args)
+
+
+def _order(issuer: Issuer, args: argparse.Namespace) -> int:
+    if not issuer.knows(args.to) and issuer.wait_status(args.to, lambda _: True, _FOUND_WITHIN_S) is None:
+        print(f"{args.to}: no status heard, so its key is not known; give --node-key", file=sys.stderr)
+        return os.EX_UNAVAILABLE
+    order = issuer.send(args.to, args.compose(args), args.life)
+    answer = issuer.wait(order)
+    print(_as_json(order, answer) if args.json else _as_words(answer))
+    if answer.state == "failed":
+        return os.EX_CONFIG
+    if not answer.result or (answer.state != "final" and answer.result == "accepted"):
+        return os.EX_UNAVAILABLE
+    return _EXIT.get(answer.result, 1)
+
+
+def _watch(issuer: Issuer, args: argparse.Namespace) -> int:
+    ends_s = time.monotonic() + args.seconds
+    newest_ms = 0
+
+    def newer(status: NodeStatus) -> bool:
+        return status.at_ms > newest_ms
+
+    try:
+        while (left_s := ends_s - time.monotonic()) > 0:
+            seen = issuer.wait_status(args.to, newer, min(left_s, 3600))
+            if seen is not None:
+                newest_ms = seen.status.at_ms
+                print(_status_json(seen) if args.json else _status_words(seen), flush=True)
+    except KeyboardInterrupt:
+        pass
+    if not newest_ms:
+        print(f"{args.to}: no status heard", file=sys.stderr)
+    return os.EX_OK if newest_ms else os.EX_UNAVAILABLE
+
+
+def _as_json(order: Order, answer: Answer) -> str:
+    facts = {name: getattr(answer, name) for name in Answer.__slots__}
+    return json.dumps({"command_id": order.command_id, "node": order.node, **facts})
+
+
+def _as_words(answer: Answer) -> str:
+    if not answer.result:
+        return f"no answer{f': {answer.detail}' if answer.detail else ''}"
+    notes = [answer.detail] if answer.detail else []
+    notes += ["a repeat of an earlier order"] if answer.duplicate else []
+    notes += ["not the last word"] if answer.state == "pending" else []
+    return answer.result + (f" ({'; '.join(notes)})" if notes else "")
+
+
+def _status_json(seen: SeenStatus) -> str:
+    return json.dumps({"node": seen.node, **MessageToDict(seen.status, preserving_proto_field_name=True)})
+
+
+def _status_words(seen: SeenStatus) -> str:
+    status = seen.status
+    parts = [f"{seen.node} seq {status.head_seq} {status.health or 'unknown'}", "armed" if status.armed else "disarmed"]
+    for camera in status.cameras:
+        held = f" by {camera.callsign}" if camera.callsign else ""
+        aim = f", {camera.aim} {camera.error_cdeg / 100:.1f} deg off" if camera.aim in ("arrived", "missed") else ""
+        parts.append(f"camera {camera.camera} {camera.state}{held}{aim}")
+    parts += [f"{poi.class_name}? {poi.mgrs} {poi.decide_within_ms // 1000} s {poi.poi_id}" for poi in status.pois]
+    return "; ".join(parts)
+
+
+def _judgement(*, confirmed: bool) -> Compose:
+    return lambda args: compose.judge(args.poi, confirmed=confirmed)
+
+
+def _number(limit: float) -> Callable[[str], float]:
+    def number(text: str) -> float:
+        value = float(text)
+        if not -limit <= value <= limit:
+            raise argparse.ArgumentTypeError(f"must be between {-limit:g} and {limit:g}")
+        return value
+
+    return number
+
+
+def _life(text: str) -> float:
+    life_s = float(text)
+    if not 0 < life_s * 1000 <= TTL_MS_MAX:
+        raise argparse.ArgumentTypeError(f"must be more than 0 and at most {TTL_MS_MAX // 1000}")
+    return life_s
+
+
+def _key(text: str) -> bytes:
+    key = bytes.fromhex(text)
+    if len(key) != KEY_BYTES:
+        raise argparse.ArgumentTypeError(f"must be {KEY_BYTES} bytes as {2 * KEY_BYTES} hexadecimal digits")
+    return key

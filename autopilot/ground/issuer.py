@@ -1,0 +1,259 @@
+"""An operator's side of the mesh: orders out, answers and status in, believed only when they prove themselves.
+
+It is a library with a thread; what it knows is gone with the process. An audit of its own is not kept here.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from autopilot.adapters.mesh.link import Link, LinkDown, Wire
+from autopilot.ground.ledger import Answer, Ledger, Order, OrderNumbers, read_ack, read_status
+from autopilot.trust.clock import Clock, HostClock
+from autopilot.trust.envelope import MessageType, Packer, PackError
+from autopilot.trust.gate import Gate, Opened
+from autopilot.trust.identity import Identity
+from autopilot.trust.keys import Random
+from autopilot.trust.limits import ORDER_TTL_MS, TTL_MS_MAX
+from autopilot.trust.tally import Tally
+from autopilot.wire.keys import ack_address, acks_of, order_key, status_key, status_node
+from events.schema.waypoint_pb2 import CommandAck, DeviceCommand, NodeStatus, PrincipalKind
+
+NODES = frozenset({PrincipalKind.NODE})
+ANSWER_GRACE_S = 2.0  # an answer may still be on its way when the order's life ends
+
+
+class UnknownNode(Exception):
+    """Orders are bound to a node's key, and this node's key is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class SeenStatus:
+    """A node's newest status, verified and opened."""
+
+    node: str
+    status: NodeStatus
+    received_mono_ns: int
+
+
+class Issuer:
+    """Gives orders as one identity and keeps what nodes say of themselves."""
+
+    def __init__(
+        self,
+        identity: Identity,
+        connect: Sequence[str] = (),
+        *,
+        mode: Literal["client", "peer"] = "client",
+        listen: Sequence[str] = (),
+        reconnect_ms: int = 500,
+        clock: Clock | None = None,
+        random: Random = os.urandom,
+        wire: Wire | None = None,
+    ) -> None:
+        """Make an issuer that connects to Zenoh endpoints; `start` begins. `wire` replaces Zenoh in tests."""
+        self._identity = identity
+        self._clock = clock or HostClock()
+        self._random = random
+        self._wire = wire or Link(mode=mode, connect=connect, listen=listen, reconnect_ms=reconnect_ms)
+        self._packer = Packer(identity, self._clock, random)
+        self._numbers = OrderNumbers(identity.folder / "order_seq", self._clock)
+        self._ledger = Ledger()
+        self._statuses: dict[str, SeenStatus] = {}
+        self._node_keys = dict(identity.known_nodes)
+        self._watched: set[str] = set()
+        self._stopped = False
+        self._thread = threading.Thread(target=self._run, name="issuer", daemon=True)
+        self._ack_gate: Gate[CommandAck] = Gate(
+            identity,
+            MessageType.ACK,
+            kinds=NODES,
+            is_ours=self._is_watched_ack,
+            reader=read_ack,
+            clock=self._clock,
+        )
+        self._status_gate: Gate[NodeStatus] = Gate(
+            identity,
+            MessageType.STATUS,
+            kinds=NODES,
+            is_ours=lambda key_expr: status_node(key_expr) in self._watched,
+            reader=read_status,
+            clock=self._clock,
+        )
+
+    def start(self) -> None:
+        """Begin to connect and to send; returns at once, also when no router answers yet."""
+        self._wire.start()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop sending and close."""
+        with self._ledger.changed:
+            self._stopped = True
+            self._ledger.changed.notify_all()
+        if self._thread.is_alive():
+            self._thread.join(timeout=5)
+        self._wire.stop()
+
+    def __enter__(self) -> Issuer:
+        self.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.stop()
+
+    def watch(self, node: str) -> None:
+        """Listen to a node's status and answers. Orders do so by themselves."""
+        if node not in self._watched:
+            self._watched.add(node)
+            self._wire.subscribe(acks_of(node), self.receive_ack)
+            self._wire.subscribe(status_key(node), self.receive_status)
+
+    def know_node(self, node: str, public_key: bytes) -> None:
+        """Bind orders for `node` to this Ed25519 key (32 bytes)."""
+        self._node_keys[node] = public_key
+
+    def knows(self, node: str) -> bool:
+        """Say whether the node's key is known: from its token in the identity's folder, or from its status."""
+        return node in self._node_keys
+
+    def send(self, node: str, command: DeviceCommand, life_s: float = ORDER_TTL_MS / 1000) -> Order:
+        """Give an order; it is published until its final answer, again every second, for `life_s`.
+
+        `command` says what is ordered (see `compose`); id and target are filled in here. Raises
+        UnknownNode, and ValueError for a life outside what a node takes.
+        """
+        key = self._node_keys.get(node)
+        if key is None:
+            raise UnknownNode(f"the key of {node} is not known; give it, or wait for the node's status")
+        complete = DeviceCommand()
+        complete.CopyFrom(command)
+        complete.command_id = str(uuid.UUID(bytes=self._random(16), version=4))
+        complete.target_node_pubkey = key
+        content = complete.SerializeToString(deterministic=True)
+        return self._add(node, key, complete.command_id, content, self._numbers.next(), life_s)
+
+    def repeat(self, order: Order, life_s: float = ORDER_TTL_MS / 1000) -> Order:
+        """Send the same order once more: same id, body and number, in envelopes of its own."""
+        return self._add(order.node, order.node_key, order.command_id, order.content, order.order_seq, life_s)
+
+    def publish_raw(self, key_expr: str, payload: bytes) -> None:
+        """Publish bytes as they are, for showing what a node does with garbage and replays. Raises LinkDown."""
+        self._wire.put(key_expr, payload, urgent=True)
+
+    def wait(self, order: Order, timeout_s: float | None = None) -> Answer:
+        """Wait for the final answer; return the best that is known when time is up."""
+        left_s = max(0.0, (order.ends_mono_ns - self._clock.mono_ns()) / 1e9) + ANSWER_GRACE_S
+        with self._ledger.changed:
+            self._ledger.changed.wait_for(lambda: order.is_done, left_s if timeout_s is None else timeout_s)
+        return order.answer
+
+    def status(self, node: str) -> SeenStatus | None:
+        """Return the newest status of a node, or None before the first."""
+        return self._statuses.get(node)
+
+    def wait_status(self, node: str, until: Callable[[NodeStatus], bool], timeout_s: float) -> SeenStatus | None:
+        """Wait until a node's status satisfies `until`; None when time is up."""
+        self.watch(node)
+
+        def satisfied() -> bool:
+            seen = self._statuses.get(node)
+            return seen is not None and until(seen.status)
+
+        with self._ledger.changed:
+            return self._statuses.get(node) if self._ledger.changed.wait_for(satisfied, timeout_s) else None
+
+    def linked(self) -> bool:
+        """Say whether a router or peer is connected now."""
+        return self._wire.linked()
+
+    def tallies(self) -> dict[str, Tally]:
+        """Return what the gates of acks and status have counted."""
+        return {"acks": self._ack_gate.tally(), "status": self._status_gate.tally()}
+
+    def disbelieved(self) -> dict[str, int]:
+        """Return how many authentic acks did not fit an order of ours, by reason."""
+        return self._ledger.refused()
+
+    def receive_ack(self, key_expr: str, payload: bytes) -> None:
+        """Judge a sample on an ack key. Never raises."""
+        verdict = self._ack_gate.judge(key_expr, payload)
+        if isinstance(verdict, Opened):
+            self._ledger.believe(verdict.message, verdict.value)
+
+    def receive_status(self, key_expr: str, payload: bytes) -> None:
+        """Judge a sample on a status key; older ones than the newest are ignored. Never raises."""
+        verdict = self._status_gate.judge(key_expr, payload)
+        if not isinstance(verdict, Opened):
+            return
+        sender, node = verdict.message.sender, status_node(key_expr)
+        if node is None or sender.principal_id != node:
+            return
+        with self._ledger.changed:
+            before = self._statuses.get(node)
+            if before is None or before.status.at_ms <= verdict.value.at_ms:
+                self._statuses[node] = SeenStatus(node, verdict.value, self._clock.mono_ns())
+                self._node_keys[node] = sender.public_key
+            self._ledger.changed.notify_all()
+
+    def turn(self) -> None:
+        """Publish what is due now."""
+        now_mono_ns = self._clock.mono_ns()
+        for order in self._ledger.due(now_mono_ns):
+            if self._wire.linked():
+                self._publish(order, now_mono_ns)
+            else:
+                self._ledger.postponed(order, now_mono_ns)
+
+    def _add(self, node: str, key: bytes, command_id: str, content: bytes, order_seq: int, life_s: float) -> Order:
+        if not 0 < life_s * 1000 <= TTL_MS_MAX:
+            raise ValueError(f"an order lives more than 0 and at most {TTL_MS_MAX // 1000} s, not {life_s}")
+        now_mono_ns = self._clock.mono_ns()
+        order = Order(
+            node=node,
+            node_key=key,
+            command_id=command_id,
+            content=content,
+            order_seq=order_seq,
+            ends_mono_ns=now_mono_ns + int(life_s * 1e9),
+            due_mono_ns=now_mono_ns,
+        )
+        self.watch(node)
+        self._ledger.add(order)
+        return order
+
+    def _publish(self, order: Order, now_mono_ns: int) -> None:
+        """Pack a fresh envelope that dies with the order, note it, publish it."""
+        key_expr = order_key(order.node, order.command_id)
+        ttl_ms = max(1, (order.ends_mono_ns - now_mono_ns) // 1_000_000)
+        try:
+            packed = self._packer.pack(
+                MessageType.ORDER, key_expr, order.content, ttl_ms=ttl_ms, order_seq=order.order_seq
+            )
+        except PackError as error:
+            self._ledger.failed(order, str(error))
+            return
+        self._ledger.published(order, packed, now_mono_ns)
+        try:
+            self._wire.put(key_expr, packed.envelope, urgent=True)
+        except LinkDown:
+            self._ledger.postponed(order, now_mono_ns)
+
+    def _run(self) -> None:
+        while not self._stopped:
+            due = self._ledger.next_due()
+            with self._ledger.changed:
+                if not self._stopped and due == self._ledger.next_due():
+                    wait_s = None if due is None else max(0.0, (due - self._clock.mono_ns()) / 1e9)
+                    if wait_s != 0:
+                        self._ledger.changed.wait(wait_s)
+            self.turn()
+
+    def _is_watched_ack(self, key_expr: str) -> bool:
+        address = ack_address(key_expr)
+        return address is not None and address.node in self._watched

@@ -1,0 +1,180 @@
+"""The daemon: the loop, its adapters, and what the node says of itself, from start to stop.
+
+What decides is elsewhere (`statecharts`), what talks to the world is elsewhere (`adapters`), and who needs whom is in
+`edges`. Here is the order in which things start and stop, and what the process says when it ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Awaitable, Callable
+from importlib.metadata import version
+from pathlib import Path
+
+from autopilot.adapters.eyes import model_sha256
+from autopilot.geo import Origin
+from autopilot.node.board import Board
+from autopilot.node.clock import HostClock, boot_id
+from autopilot.node.edges import Edges, make_edges, resume
+from autopilot.node.flights import Flights, Session
+from autopilot.node.flights import Identity as NodeIdentity
+from autopilot.node.inbox import Inbox
+from autopilot.node.limits import configuration_message
+from autopilot.node.lock import FolderLock, FolderTaken
+from autopilot.node.loop import NodeLoop, Stop
+from autopilot.node.projecting import Projecting
+from autopilot.node.upkeep import publish_status, record_rejections, report_rejections
+from autopilot.ports.config import Config
+from autopilot.trust.identity import Identity, IdentityError, load_identity
+from autopilot.trust.keys import SecretFileError
+from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, Model
+
+# Without a turn of the loop for this long the node is not well, and its heartbeat stops.
+UNWELL_AFTER_NS = 3_000_000_000
+
+
+class Daemon:
+    """One node. `run` is its life."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._clock = HostClock()
+        self._origin = Origin()
+        self._inbox = Inbox(config.limits)
+        self._board = Board(lambda: self._clock.wall_ns() // 1_000_000)
+
+    async def run(self) -> int:
+        """Run until SIGTERM, SIGINT, the end of the input, or a failure; return the exit code (sysexits)."""
+        try:
+            identity = load_identity(self._config.node.keys, self._clock.wall_ns() // 1_000_000)
+            with FolderLock(Path(self._config.node.flights)):
+                return await self._live(identity)
+        except IdentityError as error:
+            loose = isinstance(error.__cause__, SecretFileError)
+            return _say(f"[node] keys: {error}", os.EX_NOPERM if loose else os.EX_CONFIG)
+        except FolderTaken as error:
+            return _say(f"[node] flights: {error}", os.EX_UNAVAILABLE)
+        except ValueError as error:
+            return _say(str(error), os.EX_CONFIG)
+        except OSError as error:
+            return _say(str(error), os.EX_IOERR)
+
+    async def _live(self, identity: Identity) -> int:
+        asyncio_loop, over = asyncio.get_running_loop(), asyncio.Event()
+        ready = asyncio.Event()
+        self._board.attend(asyncio_loop)
+        edges: Edges
+        loop = NodeLoop(
+            self._flights(identity),
+            self._inbox,
+            self._clock,
+            self._config.limits,
+            close_after_s=self._config.flight.close_after_s,
+            on_session=lambda session: self._opened(session, asyncio_loop, ready),
+            on_records=self._board.hear,
+            perform=lambda record: _call(asyncio_loop, lambda: edges.perform(record)),
+            on_end=lambda: _call(asyncio_loop, over.set),
+        )
+        edges = make_edges(self._config, identity, self._clock, self._inbox, self._origin, lambda: self._is_well(loop))
+        loop.start()
+        await _first(ready.wait(), over.wait())
+        if ready.is_set():
+            await self._serve(loop, edges, over)
+        return _exit_code(loop)
+
+    def _opened(self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Event) -> None:
+        self._board.follow(session)
+        _call(asyncio_loop, ready.set)
+
+    async def _serve(self, loop: NodeLoop, edges: Edges, over: asyncio.Event) -> None:
+        """Run the adapters around a loop that records, and end both."""
+        resume(self._config, self._board.session, edges, self._inbox, self._origin)
+        projecting = Projecting(Path(self._config.node.projections), self._board)
+        tasks = [
+            asyncio.create_task(publish_status(self._config.mesh, edges, self._board)),
+            asyncio.create_task(record_rejections(edges, self._inbox)),
+            asyncio.create_task(projecting.run()),
+        ]
+        try:
+            await edges.start()
+            print(f"autopilot: recording in {self._board.session.flight.folder}", file=sys.stderr, flush=True)
+            await _first(_signalled(), self._input_ended(edges), over.wait())
+        finally:
+            await edges.stop()
+            report_rejections(edges, self._inbox)
+            loop.stop(Stop(CLOSE_INPUT_ENDED if self._ends_with_input(edges) else CLOSE_STOPPED))
+            await over.wait()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            await projecting.finish()
+
+    async def _input_ended(self, edges: Edges) -> None:
+        """Wait for the end of the input where the configuration says to stop then, else for ever."""
+        await edges.eyes.ended.wait()
+        if not self._ends_with_input(edges):
+            await asyncio.Event().wait()
+
+    def _ends_with_input(self, edges: Edges) -> bool:
+        return edges.eyes.ended.is_set() and self._config.eyes.at_end == "stop"
+
+    def _is_well(self, loop: NodeLoop) -> bool:
+        return loop.is_alive() and self._clock.mono_ns() - loop.turned_ns < UNWELL_AFTER_NS
+
+    def _flights(self, identity: Identity) -> Flights:
+        config = self._config
+        models = [config.eyes.model] if config.eyes.source in ("file", "device") else []
+        return Flights(
+            Path(config.node.flights),
+            NodeIdentity(
+                node=identity.principal_id,
+                public_key=identity.public_key,
+                deployment_id=identity.deployment_id,
+                software=version("autopilot"),
+                boot_id=boot_id(),
+                configuration=configuration_message(config),
+                models=tuple(
+                    Model(purpose="detector", name=Path(path).name, sha256=model_sha256(path)) for path in models
+                ),
+            ),
+            self._clock,
+        )
+
+
+async def _first(*waits: Awaitable[object]) -> None:
+    """Wait for the first of several; the others are given up."""
+    tasks = [asyncio.ensure_future(wait) for wait in waits]
+    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    for task in tasks:
+        task.cancel()
+
+
+async def _signalled() -> None:
+    """Wait for SIGTERM or SIGINT."""
+    stop, asyncio_loop = asyncio.Event(), asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        asyncio_loop.add_signal_handler(number, stop.set)
+    await stop.wait()
+
+
+def _call(asyncio_loop: asyncio.AbstractEventLoop, call: Callable[[], object]) -> None:
+    """Call on the asyncio loop; one that is closing has nothing left to do."""
+    with contextlib.suppress(RuntimeError):
+        asyncio_loop.call_soon_threadsafe(call)
+
+
+def _exit_code(loop: NodeLoop) -> int:
+    if loop.failure is not None:
+        return _say(f"the log failed, nothing more is recorded: {loop.failure}", os.EX_IOERR)
+    if loop.defect:
+        return _say(f"the loop ended by a defect:\n{loop.defect}", os.EX_SOFTWARE)
+    return os.EX_OK
+
+
+def _say(text: str, code: int) -> int:
+    print(f"autopilot: {text}", file=sys.stderr)
+    return code

@@ -1,0 +1,118 @@
+"""The adapters of one daemon: made from the configuration, started and stopped together.
+
+It knows which adapter needs what of which other (the eyes need the vehicle's pose, all need the origin), so that no
+adapter has to know another.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from autopilot.adapters.eyes import Eyes
+from autopilot.adapters.mesh import MeshAdapter
+from autopilot.adapters.vehicle import VehicleLink
+from autopilot.geo import Origin
+from autopilot.node.flights import Session
+from autopilot.node.inbox import Inbox
+from autopilot.ports.config import Config
+from autopilot.ports.edges import Clock, InputClass, Performer
+from autopilot.trust.identity import Identity
+from events.records import Record
+from events.schema.flight_pb2 import OriginSet
+from statecharts import State
+
+NS_PER_MS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Edges:
+    """The adapters that the configuration asks for; None for those that it does not."""
+
+    mesh: MeshAdapter | None
+    vehicle: VehicleLink | None
+    eyes: Eyes
+
+    async def start(self) -> None:
+        """Start them; none waits for its peer. Raises ValueError and OSError for an address that can't be used."""
+        if self.vehicle is not None:
+            await self.vehicle.start()
+        if self.mesh is not None:
+            self.mesh.start()
+        await self.eyes.start()
+
+    async def stop(self) -> None:
+        """Stop them: first what brings work, last what answers."""
+        await self.eyes.stop()
+        if self.vehicle is not None:
+            await self.vehicle.stop()
+        if self.mesh is not None:
+            await asyncio.to_thread(self.mesh.stop)
+
+    def perform(self, record: Record) -> None:
+        """Give an effect to the performer of its port. Effects of a port that is not there come to nothing."""
+        performers: dict[str, Performer | None] = {"mesh": self.mesh, "vehicle": self.vehicle}
+        performer = performers.get(record.kind.port)
+        if performer is not None:
+            performer.perform(record.seq, record.message, record.at.mono_ns)
+
+
+def make_edges(
+    config: Config, identity: Identity, clock: Clock, inbox: Inbox, origin: Origin, healthy: Callable[[], bool]
+) -> Edges:
+    """Make the adapters; nothing starts yet."""
+    mesh = vehicle = None
+    if config.mesh.connect or config.mesh.listen:
+        mesh = MeshAdapter(config.mesh, identity, clock, origin.place_e7, inbox.offer)
+    if config.vehicle.connect or config.vehicle.listen:
+        vehicle = VehicleLink(
+            config.vehicle,
+            inbox.offer,
+            clock,
+            origin.place,
+            lambda latitude, longitude, altitude: set_origin(
+                origin, inbox, (latitude, longitude, altitude), "first fix"
+            ),
+            healthy,
+            arrival_tolerance_deg=config.limits.arrival_tolerance_deg,
+        )
+    eyes = Eyes(
+        config.eyes,
+        inbox.offer,
+        clock,
+        origin,
+        vehicle,
+        groups=config.find.groups,
+        room=lambda: inbox.has_room(InputClass.FRAME),
+    )
+    return Edges(mesh, vehicle, eyes)
+
+
+def resume(config: Config, session: Session, edges: Edges, inbox: Inbox, origin: Origin) -> None:
+    """Give the adapters what the log remembers: the origin, and the replay window of the gate."""
+    known = session.state.origin.value
+    if known is not None:
+        place = known.place
+        origin.set(place.latitude_e7 / 1e7, place.longitude_e7 / 1e7, place.altitude_mm / 1000)
+    elif (configured := _configured_origin(config)) is not None:
+        set_origin(origin, inbox, configured, "configured")
+    if edges.mesh is not None:
+        edges.mesh.restore_window(_window(session.state, session.clock.peek_ns()))
+
+
+def set_origin(origin: Origin, inbox: Inbox, position: tuple[float, float, float], source: str) -> None:
+    """Set the origin of the local frame and record it; only the first time counts."""
+    if origin.frame is None:
+        inbox.offer(InputClass.OUTCOME, OriginSet(place=origin.set(*position), source=source))
+
+
+def _configured_origin(config: Config) -> tuple[float, float, float] | None:
+    pose = config.eyes.pose
+    if config.flight.origin is None and pose is not None:
+        return pose.latitude_deg, pose.longitude_deg, pose.altitude_m
+    return config.flight.origin
+
+
+def _window(state: State, now_ns: int) -> list[tuple[bytes, bytes, int]]:
+    return [(device, nonce, (until_ns - now_ns) // NS_PER_MS + 1) for (device, nonce), until_ns in state.nonces.items()]

@@ -1,0 +1,188 @@
+"""The one loop: drain, decide, commit, hand over (design, section 3).
+
+One thread owns state and log. What waits in the inbox is taken through the core as a batch; the batch is committed at
+once when it holds a SYNC record or an effect, else within `commit_within_ms`; and only what is durable is handed to
+the performers. When the disk does not keep up, orders are refused; when it fails, the loop ends and so does the
+process, for a write that failed once can't be believed the second time.
+"""
+
+from __future__ import annotations
+
+import threading
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from google.protobuf.message import Message
+
+from autopilot.node.flights import Flights, Session
+from autopilot.node.inbox import Inbox
+from autopilot.ports.config import LimitsSection
+from autopilot.ports.edges import Clock
+from events.kinds import Role
+from events.records import Record
+from events.schema import flight_pb2
+from events.store import StoreFailed
+
+# A batch is at most this long, so that an order behind it does not wait for a whole queue.
+BATCH_MOST = 64
+# With nothing to do the loop still looks up this often, to let the log's WAL go into the database.
+IDLE_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """How the loop shall end: with the flight closed for a reason, where the vehicle is disarmed."""
+
+    reason: flight_pb2.CloseReason.ValueType = flight_pb2.CLOSE_STOPPED
+
+
+class NodeLoop(threading.Thread):
+    """The node's thread. `on_records` and `perform` are called on it, after the records are durable."""
+
+    def __init__(
+        self,
+        flights: Flights,
+        inbox: Inbox,
+        clock: Clock,
+        limits: LimitsSection,
+        *,
+        close_after_s: float,
+        on_session: Callable[[Session], None],
+        on_records: Callable[[tuple[Record, ...]], None],
+        perform: Callable[[Record], None],
+        on_end: Callable[[], None],
+    ) -> None:
+        super().__init__(name="node", daemon=True)
+        self._flights = flights
+        self._inbox = inbox
+        self._clock = clock
+        self._limits = limits
+        self._close_after_ns = int(close_after_s * 1e9)
+        self._on_session = on_session
+        self._on_records = on_records
+        self._perform = perform
+        self._on_end = on_end
+        self._asked_to_stop: Stop | None = None
+        self._pending: list[Record] = []
+        self._commit_by_ns = 0
+        self._disarmed_at_ns: int | None = None
+        self.turned_ns = clock.mono_ns()  # when the loop last went round: whether the node is well
+        self.failure: StoreFailed | None = None
+        self.defect: str = ""
+
+    def stop(self, stop: Stop) -> None:
+        """Ask the loop to record what waits, end the flight if it may, and end. From any thread."""
+        self._asked_to_stop = stop
+        self._inbox.wake()
+
+    def run(self) -> None:
+        """Record until asked to stop, or until the store fails."""
+        try:
+            session = self._open(self._flights.open(self._on_records))
+            while self._asked_to_stop is None:
+                session = self._turn(session)
+            self._finish(session, self._asked_to_stop)
+        except StoreFailed as error:
+            self.failure = error
+        except Exception:  # noqa: BLE001 - a defect ends the process with its traceback, not a silent thread
+            self.defect = traceback.format_exc()
+        finally:
+            self._on_end()
+
+    def _open(self, session: Session) -> Session:
+        self._on_session(session)
+        for record in session.fresh:
+            self._hand_over(record)
+        session.fresh.clear()
+        return session
+
+    def _turn(self, session: Session) -> Session:
+        batch = self._inbox.take(self._wait_s(session), BATCH_MOST)
+        self.turned_ns = self._clock.mono_ns()
+        self._observe(session, batch)
+        if not batch and not self._pending:
+            session.store.idle()
+        return self._follow_if_over(session)
+
+    def _observe(self, session: Session, batch: list[Message]) -> None:
+        if session.due is not None and session.clock.seconds_until(session.due) <= 0:
+            self._add(session, flight_pb2.TimePassed())
+        for input_class, count in self._inbox.take_dropped().items():
+            self._add(session, flight_pb2.InputsDropped(input_class=input_class.value, count=count))
+        for observation in batch:
+            self._add(session, observation)
+        if self._pending and (self._must_commit() or self._clock.mono_ns() >= self._commit_by_ns):
+            self._commit(session)
+
+    def _add(self, session: Session, observation: Message) -> None:
+        if not self._pending:
+            self._commit_by_ns = self._clock.mono_ns() + self._limits.commit_within_ms * 1_000_000
+        self._pending.extend(session.observe(observation))
+
+    def _must_commit(self) -> bool:
+        return any(record.kind.sync or record.kind.role is Role.EFFECT for record in self._pending)
+
+    def _commit(self, session: Session) -> None:
+        before_ns = self._clock.mono_ns()
+        session.store.append(self._pending)
+        took_ns = self._clock.mono_ns() - before_ns
+        self._inbox.refuse_orders(took_ns > self._limits.commit_stall_s * 1e9)
+        durable, self._pending = tuple(self._pending), []
+        for record in durable:
+            self._hand_over(record)
+        self._on_records(durable)
+        self._watch_arming(session)
+
+    def _hand_over(self, record: Record) -> None:
+        if record.kind.role is Role.EFFECT:
+            self._perform(record)
+
+    def _wait_s(self, session: Session) -> float:
+        waits = [IDLE_S]
+        if session.due is not None:
+            waits.append(session.clock.seconds_until(session.due))
+        if self._pending:
+            waits.append((self._commit_by_ns - self._clock.mono_ns()) / 1e9)
+        return max(min(waits), 0.0)
+
+    def _watch_arming(self, session: Session) -> None:
+        """Note when the vehicle, armed before in this flight, was seen disarmed."""
+        now_ns = self._clock.mono_ns()
+        armed = any(vehicle.armed for vehicle in session.state.vehicles.values())
+        if armed:
+            self._disarmed_at_ns = -1
+        elif self._disarmed_at_ns == -1:
+            self._disarmed_at_ns = now_ns
+
+    def _follow_if_over(self, session: Session) -> Session:
+        disarmed_ns = self._disarmed_at_ns
+        if disarmed_ns is None or disarmed_ns < 0 or self._clock.mono_ns() - disarmed_ns < self._close_after_ns:
+            return session
+        if _awaits_outcomes(session):
+            return session
+        self._end(session, flight_pb2.CLOSE_DISARMED)
+        self._disarmed_at_ns = None
+        return self._open(self._flights.follow(session, self._on_records))
+
+    def _finish(self, session: Session, stop: Stop) -> None:
+        while batch := self._inbox.take(0, BATCH_MOST):
+            self._observe(session, batch)
+        if any(vehicle.armed for vehicle in session.state.vehicles.values()):
+            self._commit_rest(session)
+        else:
+            self._end(session, stop.reason)
+        session.store.close()
+
+    def _end(self, session: Session, reason: flight_pb2.CloseReason.ValueType) -> None:
+        self._commit_rest(session)
+        self._flights.close(session, reason, self._on_records)
+
+    def _commit_rest(self, session: Session) -> None:
+        if self._pending:
+            self._commit(session)
+
+
+def _awaits_outcomes(session: Session) -> bool:
+    """Whether an effect's outcome is still to come: seqs of one flight mean nothing in the next."""
+    return bool(len(session.state.owed_acks)) or any(not effect.done for effect in session.state.effects.values())

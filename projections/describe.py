@@ -1,0 +1,258 @@
+"""A record in one line of words, for people who read a log. Integer formatting only.
+
+It shows what the record says and concludes nothing from it; every kind of the catalogue has words here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from events.records import Record
+from events.schema import flight_pb2, orders_pb2
+from events.schema.common_pb2 import Issuer, Place
+from events.schema.eyes_pb2 import EyesChanged, FrameObserved
+from events.schema.findings_pb2 import (
+    NEW,
+    CameraTaken,
+    ItemIgnored,
+    PoiJoined,
+    PoiOpened,
+    SightingMuted,
+    SightingsClassified,
+)
+from events.schema.orders_pb2 import AckPublished, OrderMalformed, OrderReceived, SendAck
+from events.schema.vehicle_pb2 import (
+    CommandAnswered,
+    CommandUnanswered,
+    GimbalReported,
+    PointAtAngles,
+    PointAtPlace,
+    PositionReported,
+    ReleasePointing,
+    VehicleStateReported,
+)
+from projections.words import coordinates, degrees, metres, percent, seconds
+
+_RESULTS: dict[int, str] = {
+    orders_pb2.ACK_ACCEPTED: "accepted",
+    orders_pb2.ACK_REJECTED: "rejected",
+    orders_pb2.ACK_TIMEOUT: "timeout",
+    orders_pb2.ACK_UNSUPPORTED: "unsupported",
+    orders_pb2.ACK_UNAUTHORISED: "unauthorised",
+}
+_CLOSE_REASONS: dict[int, str] = {
+    flight_pb2.CLOSE_REASON_UNSPECIFIED: "for no reason that was given",
+    flight_pb2.CLOSE_STOPPED: "stopped while disarmed",
+    flight_pb2.CLOSE_DISARMED: "disarmed long enough",
+    flight_pb2.CLOSE_ABANDONED: "abandoned: found disarmed after it was armed",
+    flight_pb2.CLOSE_LOGIC_CHANGED: "another logic number took over",
+    flight_pb2.CLOSE_INPUT_ENDED: "the input ended",
+    flight_pb2.CLOSE_REBOOTED: "the computer was started again",
+}
+
+
+def describe(record: Record) -> str:
+    """Return one line about a record, without its seq, time and kind."""
+    return _WORDS[record.kind.name](record.message)
+
+
+def order_verb(order: OrderReceived) -> str:
+    """Return what kind of order it is: "point_at_place", ...; "unknown" for a variant that is not known."""
+    return order.WhichOneof("order") or "unknown"
+
+
+def order_words(order: OrderReceived) -> str:
+    """Return what an order asks for."""
+    match order.WhichOneof("order"):
+        case "point_at_place":
+            return f"look at {place_words(order.point_at_place.place)}, camera {order.point_at_place.camera}"
+        case "point_at_angles":
+            asked = order.point_at_angles
+            return f"look to {angles_words(asked.pitch_cdeg, asked.yaw_cdeg, asked.yaw_locked)}, camera {asked.camera}"
+        case "release_camera":
+            return f"let go of camera {order.release_camera.camera}"
+        case "judge_poi":
+            return f"{'confirm' if order.judge_poi.confirmed else 'decline'} finding {order.judge_poi.poi_id}"
+    return "an order of an unknown kind"
+
+
+def result_word(result: int) -> str:
+    """Return one of the five answers of seed 000 as a word; a number that is none of them as itself."""
+    return _RESULTS.get(result, f"result {result}")
+
+
+def close_words(reason: int) -> str:
+    """Return why a flight ended."""
+    return _CLOSE_REASONS.get(reason, f"reason {reason}")
+
+
+def place_words(place: Place) -> str:
+    """Return a place for people: degrees, altitude, grid."""
+    grid = f" ({place.mgrs})" if place.mgrs else ""
+    return f"{coordinates(place.latitude_e7, place.longitude_e7)}, {metres(place.altitude_mm)} m AMSL{grid}"
+
+
+def angles_words(pitch_cdeg: int, yaw_cdeg: int, yaw_locked: bool) -> str:
+    """Return a direction for people."""
+    frame = "from north" if yaw_locked else "from the nose"
+    return f"pitch {degrees(pitch_cdeg)}, yaw {degrees(yaw_cdeg)} {frame}"
+
+
+def who(issuer: Issuer) -> str:
+    """Return a name for people and the principal behind it."""
+    return f"{issuer.callsign} ({issuer.principal_id})" if issuer.callsign else issuer.principal_id
+
+
+def _opened(one: flight_pb2.FlightOpened) -> str:
+    return f"flight {one.flight_number} of {one.node}, software {one.software}, logic {one.logic}"
+
+
+def _carried(one: flight_pb2.BaselineCarried) -> str:
+    state = one.state
+    return f"carried over: {len(state.objects)} objects, {len(state.ignored)} muted places, {len(state.orders)} orders"
+
+
+def _started(one: flight_pb2.NodeStarted) -> str:
+    outage = f", {seconds(one.outage_ns)} s after the last record" if one.outage_ns else ""
+    return f"daemon started, start {one.start} of this flight{outage}"
+
+
+def _failed(one: flight_pb2.StepFailed) -> str:
+    return f"deciding raised {one.error} in {one.chart}: what it was about was not applied"
+
+
+def _rejected(one: flight_pb2.SamplesRejected) -> str:
+    counts = ", ".join(f"{entry.count} {entry.reason}" for entry in one.rejected)
+    return f"samples rejected: {counts}"
+
+
+def _ordered(one: OrderReceived) -> str:
+    return f"{who(one.issuer)} orders {one.command_id}: {order_words(one)}"
+
+
+def _malformed(one: OrderMalformed) -> str:
+    return f"{who(one.issuer)} sent order {one.command_id} that can't be read: {one.because}"
+
+
+def _ack(one: SendAck) -> str:
+    result = result_word(one.result) if one.final else "received, not yet decided"
+    again = "again " if one.duplicate else ""
+    return f"tell {one.principal_id} {again}about {one.command_id}: {result}, {one.detail}"
+
+
+def _published(one: AckPublished) -> str:
+    return f"answer {one.effect_seq} did not leave: {one.failure}" if one.failure else f"answer {one.effect_seq} left"
+
+
+def _for(order: str) -> str:
+    return f" for {order}" if order else " by the node's own wish"
+
+
+def _at_place(one: PointAtPlace) -> str:
+    looked_at = f", finding {one.poi_id}" if one.poi_id else ""
+    return f"point gimbal {one.vehicle}/{one.gimbal} at {place_words(one.place)}{looked_at}{_for(one.order)}"
+
+
+def _at_angles(one: PointAtAngles) -> str:
+    direction = angles_words(one.pitch_cdeg, one.yaw_cdeg, one.yaw_locked)
+    return f"point gimbal {one.vehicle}/{one.gimbal} to {direction}{_for(one.order)}"
+
+
+def _release(one: ReleasePointing) -> str:
+    return f"let gimbal {one.vehicle}/{one.gimbal} go{_for(one.order)}"
+
+
+def _answered(one: CommandAnswered) -> str:
+    return f"vehicle answered effect {one.effect_seq} with MAV_RESULT {one.mav_result}, {one.attempts} attempts"
+
+
+def _unanswered(one: CommandUnanswered) -> str:
+    return f"no answer to effect {one.effect_seq}: {one.because}, {one.attempts} attempts"
+
+
+def _vehicle(one: VehicleStateReported) -> str:
+    return f"vehicle {one.vehicle} is {'armed' if one.armed else 'disarmed'}, mode {one.custom_mode}"
+
+
+def _position(one: PositionReported) -> str:
+    return f"vehicle {one.vehicle} at {place_words(one.place)}, {metres(one.height_mm)} m above home"
+
+
+def _gimbal(one: GimbalReported) -> str:
+    off = f", {degrees(one.error_cdeg)} off effect {one.effect_seq}" if one.HasField("error_cdeg") else ""
+    return f"gimbal {one.vehicle}/{one.gimbal} at pitch {degrees(one.pitch_cdeg)}, yaw {degrees(one.yaw_cdeg)}{off}"
+
+
+def _frame(one: FrameObserved) -> str:
+    found = ", ".join(f"{entry.class_name} {percent(entry.confidence_e4)}" for entry in one.detections)
+    return f"frame {one.frame_seq} of camera {one.vehicle}/{one.camera}: {found or 'nothing'}"
+
+
+def _eyes(one: EyesChanged) -> str:
+    because = f": {one.because}" if one.because else ""
+    return f"eyes of camera {one.vehicle}/{one.camera} are {one.state}{because}"
+
+
+def _classified(one: SightingsClassified) -> str:
+    known = (
+        f"object {entry.object} {'new' if entry.diff == NEW else metres(entry.distance_mm) + ' m from before'}"
+        for entry in one.sightings
+    )
+    return ", ".join(known)
+
+
+def _poi(one: PoiOpened) -> str:
+    return f"worth a look: {one.class_name} {percent(one.confidence_e4)} at {place_words(one.place)}"
+
+
+def _ignored(one: ItemIgnored) -> str:
+    return f"{one.principal_id} declined {one.poi_id}: {one.class_group} near {place_words(one.place)} stays quiet"
+
+
+def _taken(one: CameraTaken) -> str:
+    return f"{one.callsign or one.principal_id} has camera {one.vehicle}/{one.camera} by order {one.command_id}"
+
+
+def _joined(one: PoiJoined) -> str:
+    return f"object {one.object} belongs to finding {one.poi_id}"
+
+
+def _muted(one: SightingMuted) -> str:
+    return f"object {one.object} lies where finding {one.poi_id} was declined"
+
+
+_WORDS: dict[str, Callable[[Any], str]] = {
+    "flight_opened": _opened,
+    "baseline_carried": _carried,
+    "node_started": _started,
+    "flight_closed": lambda one: f"flight closed: {close_words(one.reason)}",
+    "time_passed": lambda _: "a deadline passed",
+    "origin_set": lambda one: f"origin at {place_words(one.place)}, {one.source}",
+    "step_failed": _failed,
+    "inputs_dropped": lambda one: f"{one.count} of class {one.input_class} dropped: the inbox was full",
+    "samples_rejected": _rejected,
+    "moved": lambda one: f"{one.chart} {one.instance}: {one.from_state} -> {one.to_state}, {one.because}",
+    "order_received": _ordered,
+    "order_malformed": _malformed,
+    "send_ack": _ack,
+    "ack_published": _published,
+    "point_at_place": _at_place,
+    "point_at_angles": _at_angles,
+    "release_pointing": _release,
+    "command_sent": lambda one: f"effect {one.effect_seq} left for the vehicle",
+    "command_answered": _answered,
+    "command_unanswered": _unanswered,
+    "vehicle_state_reported": _vehicle,
+    "vehicle_link_changed": lambda one: f"vehicle {one.vehicle} is {'heard' if one.up else 'silent'}",
+    "position_reported": _position,
+    "gimbal_reported": _gimbal,
+    "frame_observed": _frame,
+    "eyes_changed": _eyes,
+    "sightings_classified": _classified,
+    "poi_opened": _poi,
+    "item_ignored": _ignored,
+    "camera_taken": _taken,
+    "poi_joined": _joined,
+    "sighting_muted": _muted,
+}

@@ -1,0 +1,340 @@
+"""Projection `status`: what the node is doing right now, as one frozen value.
+
+The daemon folds it along with every record and publishes NodeStatus from it, so a record that changes nothing that is
+shown costs next to nothing. Deadlines are flight_ns; they follow from recorded moves and the manifest's limits as
+the charts' do, and a test holds the two to each other. An observation whose step failed is shown as well: it happened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from events.ids import uuid_of
+from events.records import Record
+from events.schema.common_pb2 import Moved
+from events.schema.eyes_pb2 import EyesChanged
+from events.schema.findings_pb2 import NEW, CameraTaken, PoiJoined, PoiOpened, SightingsClassified
+from events.schema.flight_pb2 import (
+    BaselineCarried,
+    FlightClosed,
+    FlightOpened,
+    InputsDropped,
+    NodeStarted,
+    SamplesRejected,
+)
+from events.schema.vehicle_pb2 import (
+    GimbalReported,
+    PointAtAngles,
+    PointAtPlace,
+    PositionReported,
+    ReleasePointing,
+    VehicleLinkChanged,
+    VehicleStateReported,
+)
+from projections.describe import angles_words, close_words, place_words
+from projections.picture import (
+    RESULTS,
+    Bounds,
+    CameraPicture,
+    GimbalPicture,
+    Picture,
+    Question,
+    VehiclePicture,
+)
+from projections.picture import Status as Status
+from projections.words import NS_PER_MS
+
+NAME = "status"
+VERSION = 1
+FULL_CONFIDENCE_E4 = 10_000
+
+
+def apply(status: Status, record: Record) -> Status:
+    """Return the status after one more record; a manifest begins a new flight."""
+    change = _CHANGES.get(record.kind.name)
+    picture = status.picture if change is None else change(status.picture, record, record.message)
+    return Status(record.seq, record.at, picture)
+
+
+def plain(status: Status) -> dict[str, Any]:
+    """Return the status as a JSON-able structure; moments in flight_ns, and the wall clock of the newest record."""
+    shown = asdict(status.picture)
+    shown["flight_id"] = status.picture.flight_id.hex()
+    del shown["members"], shown["bounds"]
+    return shown | {"head_seq": status.head_seq, "flight_ns": status.at.flight_ns, "wall_ns": status.at.wall_ns}
+
+
+def _with(rows: Mapping[str, Any], key: str, row: Any) -> dict[str, Any]:
+    return {**rows, key: row}
+
+
+def _counted(counts: Mapping[str, int], key: str, by: int = 1) -> dict[str, int]:
+    return {**counts, key: counts.get(key, 0) + by}
+
+
+def _key(vehicle: int, number: int) -> str:
+    return f"{vehicle}/{number}"
+
+
+def _opened(_picture: Picture, _record: Record, opened: FlightOpened) -> Picture:
+    cameras, gimbals = {}, {}
+    for one in opened.configuration.cameras:
+        gimbal = _key(one.vehicle, one.gimbal) if one.gimbal else ""
+        cameras[_key(one.vehicle, one.camera)] = CameraPicture(one.vehicle, one.camera, gimbal)
+        if gimbal:
+            gimbals[gimbal] = GimbalPicture()
+    return Picture(
+        flight_id=opened.flight_id,
+        flight_number=opened.flight_number,
+        node=opened.node,
+        software=opened.software,
+        open=True,
+        command_enabled=opened.configuration.limits.command_enabled,
+        cameras=cameras,
+        gimbals=gimbals,
+        bounds=Bounds.of(opened.configuration.limits),
+    )
+
+
+def _carried(picture: Picture, _record: Record, carried: BaselineCarried) -> Picture:
+    return replace(picture, map_objects=len(carried.state.objects), ignored=len(carried.state.ignored))
+
+
+def _started(picture: Picture, _record: Record, started: NodeStarted) -> Picture:
+    return replace(picture, starts=started.start)
+
+
+def _closed(picture: Picture, _record: Record, closed: FlightClosed) -> Picture:
+    return replace(picture, open=False, closed_because=close_words(closed.reason))
+
+
+def _step_failed(picture: Picture, _record: Record, _message: Any) -> Picture:
+    return replace(picture, steps_failed=picture.steps_failed + 1)
+
+
+def _dropped(picture: Picture, _record: Record, dropped: InputsDropped) -> Picture:
+    return replace(picture, inputs_dropped=_counted(picture.inputs_dropped, dropped.input_class, dropped.count))
+
+
+def _rejected(picture: Picture, _record: Record, rejected: SamplesRejected) -> Picture:
+    counts = picture.samples_rejected
+    for entry in rejected.rejected:
+        counts = _counted(counts, entry.reason, entry.count)
+    return replace(picture, samples_rejected=counts)
+
+
+def _malformed(picture: Picture, _record: Record, _message: Any) -> Picture:
+    return replace(picture, orders_malformed=picture.orders_malformed + 1)
+
+
+def _moved(picture: Picture, record: Record, moved: Moved) -> Picture:
+    change = _MOVES.get(moved.chart)
+    return picture if change is None else change(picture, record, moved)
+
+
+def _command_moved(picture: Picture, _record: Record, moved: Moved) -> Picture:
+    if moved.to_state not in RESULTS:
+        return picture
+    return replace(picture, orders=_counted(picture.orders, moved.to_state))
+
+
+def _camera_moved(picture: Picture, record: Record, moved: Moved) -> Picture:
+    bounds, before = picture.bounds, picture.cameras[moved.instance]
+    waits_ms = {"operator": bounds.operator_hold_ms, "released": bounds.release_pause_ms}.get(moved.to_state)
+    until_ns = 0 if waits_ms is None else record.at.flight_ns + waits_ms * NS_PER_MS
+    camera = CameraPicture(
+        before.vehicle, before.camera, before.gimbal, state=moved.to_state, held_until_ns=until_ns
+    )  # `camera_taken` names the holder
+    return replace(picture, cameras=_with(picture.cameras, moved.instance, camera))
+
+
+def _taken(picture: Picture, _record: Record, taken: CameraTaken) -> Picture:
+    key = _key(taken.vehicle, taken.camera)
+    camera = replace(
+        picture.cameras[key],
+        callsign=taken.callsign,
+        principal_id=taken.principal_id,
+        command_id=taken.command_id,
+    )
+    return replace(picture, cameras=_with(picture.cameras, key, camera))
+
+
+def _asked(picture: Picture, record: Record, asked: PointAtPlace | PointAtAngles) -> Picture:
+    if isinstance(asked, PointAtPlace):
+        words = place_words(asked.place)
+    else:
+        words = angles_words(asked.pitch_cdeg, asked.yaw_cdeg, asked.yaw_locked)
+    key = _key(asked.vehicle, asked.gimbal)
+    gimbal = replace(
+        picture.gimbals.get(key) or GimbalPicture(),
+        asked=words,
+        asked_ns=record.at.flight_ns,
+        effect_seq=record.seq,
+        error_cdeg=None,
+        arrived_after_ns=None,
+    )
+    return replace(picture, gimbals=_with(picture.gimbals, key, gimbal))
+
+
+def _let_go(picture: Picture, _record: Record, released: ReleasePointing) -> Picture:
+    key = _key(released.vehicle, released.gimbal)
+    before = picture.gimbals.get(key) or GimbalPicture()
+    gimbal = GimbalPicture(aim=before.aim, pitch_cdeg=before.pitch_cdeg, yaw_cdeg=before.yaw_cdeg)
+    return replace(picture, gimbals=_with(picture.gimbals, key, gimbal))
+
+
+def _aim_moved(picture: Picture, record: Record, moved: Moved) -> Picture:
+    before = picture.gimbals.get(moved.instance) or GimbalPicture()
+    after_ns = record.at.flight_ns - before.asked_ns if moved.to_state == "arrived" else None
+    gimbal = replace(before, aim=moved.to_state, arrived_after_ns=after_ns)
+    return replace(picture, gimbals=_with(picture.gimbals, moved.instance, gimbal))
+
+
+def _gimbal(picture: Picture, _record: Record, report: GimbalReported) -> Picture:
+    key = _key(report.vehicle, report.gimbal)
+    before = picture.gimbals.get(key) or GimbalPicture()
+    error_cdeg = before.error_cdeg
+    if report.HasField("error_cdeg") and report.effect_seq == before.effect_seq:
+        error_cdeg = report.error_cdeg
+    gimbal = replace(before, pitch_cdeg=report.pitch_cdeg, yaw_cdeg=report.yaw_cdeg, error_cdeg=error_cdeg)
+    return replace(picture, gimbals=_with(picture.gimbals, key, gimbal))
+
+
+def _vehicle_with(picture: Picture, number: int, **values: Any) -> Picture:
+    vehicle = replace(picture.vehicles.get(str(number)) or VehiclePicture(), **values)
+    return replace(picture, vehicles=_with(picture.vehicles, str(number), vehicle))
+
+
+def _vehicle(picture: Picture, _record: Record, report: VehicleStateReported) -> Picture:
+    return _vehicle_with(picture, report.vehicle, armed=report.armed, custom_mode=report.custom_mode)
+
+
+def _link(picture: Picture, _record: Record, change: VehicleLinkChanged) -> Picture:
+    return _vehicle_with(picture, change.vehicle, link=change.up)
+
+
+def _position(picture: Picture, _record: Record, report: PositionReported) -> Picture:
+    return _vehicle_with(
+        picture,
+        report.vehicle,
+        latitude_e7=report.place.latitude_e7,
+        longitude_e7=report.place.longitude_e7,
+        altitude_mm=report.place.altitude_mm,
+        height_mm=report.height_mm,
+        heading_cdeg=report.heading_cdeg if report.HasField("heading_cdeg") else None,
+    )
+
+
+def _eyes(picture: Picture, _record: Record, change: EyesChanged) -> Picture:
+    words = f"{change.state}: {change.because}" if change.because else change.state
+    return replace(picture, eyes=_with(picture.eyes, _key(change.vehicle, change.camera), words))
+
+
+def _scan_moved(picture: Picture, _record: Record, moved: Moved) -> Picture:
+    return replace(picture, scans=_with(picture.scans, moved.instance, moved.to_state))
+
+
+def _health_moved(picture: Picture, _record: Record, moved: Moved) -> Picture:
+    return replace(picture, health=moved.to_state.replace("_", " "))
+
+
+def _classified(picture: Picture, _record: Record, classified: SightingsClassified) -> Picture:
+    new, waiting = 0, None
+    for sighting in classified.sightings:
+        new += sighting.diff == NEW
+        poi_id = picture.members.get(sighting.object)
+        if poi_id is not None:
+            waiting = waiting or dict(picture.waiting)
+            waiting[poi_id] = replace(waiting[poi_id], sightings=waiting[poi_id].sightings + 1)
+    if not new and waiting is None:
+        return picture
+    return replace(picture, map_objects=picture.map_objects + new, waiting=waiting or picture.waiting)
+
+
+def _poi_opened(picture: Picture, record: Record, opened: PoiOpened) -> Picture:
+    question = Question(
+        poi_id=uuid_of(picture.flight_id, record.seq),
+        state="enqueued",
+        class_name=opened.class_name,
+        class_group=opened.class_group,
+        confidence_e4=opened.confidence_e4,
+        latitude_e7=opened.place.latitude_e7,
+        longitude_e7=opened.place.longitude_e7,
+        mgrs=opened.place.mgrs,
+        sightings=picture.bounds.sightings_to_ask,
+    )
+    return replace(
+        picture,
+        waiting={**picture.waiting, question.poi_id: question},
+        members={**picture.members, opened.object: question.poi_id},
+        pois=_counted(picture.pois, "enqueued"),
+    )
+
+
+def _poi_joined(picture: Picture, _record: Record, joined: PoiJoined) -> Picture:
+    if joined.poi_id not in picture.waiting:
+        return picture
+    return replace(picture, members={**picture.members, joined.object: joined.poi_id})
+
+
+def _poi_moved(picture: Picture, record: Record, moved: Moved) -> Picture:
+    pois = _counted(_counted(picture.pois, moved.from_state, -1), moved.to_state)
+    waiting = dict(picture.waiting)
+    if moved.to_state == "surfaced":
+        question = waiting[moved.instance]
+        decide_by_ns = record.at.flight_ns + decision_window_ns(picture.bounds, question.confidence_e4)
+        waiting[moved.instance] = replace(question, state="surfaced", decide_by_ns=decide_by_ns)
+        return replace(picture, pois=pois, waiting=waiting)
+    del waiting[moved.instance]
+    members = {thing: poi_id for thing, poi_id in picture.members.items() if poi_id != moved.instance}
+    return replace(picture, pois=pois, waiting=waiting, members=members)
+
+
+def decision_window_ns(bounds: Bounds, confidence_e4: int) -> int:
+    """Return how long an operator has: linear between the lowest confidence that is asked and full confidence."""
+    above = max(confidence_e4 - bounds.ask_confidence_e4, 0)
+    span = max(FULL_CONFIDENCE_E4 - bounds.ask_confidence_e4, 1)
+    longer_ms = (bounds.decide_longest_ms - bounds.decide_shortest_ms) * above // span
+    return (bounds.decide_shortest_ms + longer_ms) * NS_PER_MS
+
+
+def _ignored(picture: Picture, _record: Record, _message: Any) -> Picture:
+    return replace(picture, ignored=picture.ignored + 1)
+
+
+_Change = Callable[[Picture, Record, Any], Picture]
+
+_MOVES: dict[str, _Change] = {
+    "command": _command_moved,
+    "camera": _camera_moved,
+    "aim": _aim_moved,
+    "scan": _scan_moved,
+    "poi": _poi_moved,
+    "health": _health_moved,
+}
+_CHANGES: dict[str, _Change] = {
+    "flight_opened": _opened,
+    "baseline_carried": _carried,
+    "node_started": _started,
+    "flight_closed": _closed,
+    "step_failed": _step_failed,
+    "inputs_dropped": _dropped,
+    "samples_rejected": _rejected,
+    "order_malformed": _malformed,
+    "moved": _moved,
+    "camera_taken": _taken,
+    "point_at_place": _asked,
+    "point_at_angles": _asked,
+    "release_pointing": _let_go,
+    "gimbal_reported": _gimbal,
+    "vehicle_state_reported": _vehicle,
+    "vehicle_link_changed": _link,
+    "position_reported": _position,
+    "eyes_changed": _eyes,
+    "sightings_classified": _classified,
+    "poi_opened": _poi_opened,
+    "poi_joined": _poi_joined,
+    "item_ignored": _ignored,
+}

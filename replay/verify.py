@@ -1,0 +1,236 @@
+"""Runs a flight again: every recorded observation through the same charts, every decision compared.
+
+One pass over the log checks the chain and replays it, a step (an observation and the decisions that follow it) at a
+time. A decision is the same when number, cause, moment, kind, version and body are, byte for byte: equal bytes are
+equal fields, so fields are only looked at where bytes differ. Where a step differs, the state goes on from the
+recorded decisions, so that a divergence stays local and the next one is a finding of its own. It changes no log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from google.protobuf.message import DecodeError
+
+from events import (
+    KINDS,
+    BodyBroken,
+    Chain,
+    ChainBroken,
+    Record,
+    Role,
+    UnknownKind,
+    kind_numbered,
+    read_record,
+)
+from events.records import Stored
+from events.schema.flight_pb2 import FlightOpened
+from events.store import Reader
+from projections.describe import describe
+from replay.causes import Line, chain, line
+from replay.fields import first_difference
+from replay.verdict import Divergence, Outcome, Verdict
+from statecharts import State, restore, step
+
+Progress = Callable[[int, int], None]  # records done, records in all
+
+PROGRESS_EVERY = 2048
+_OBSERVATIONS = frozenset(kind.number for kind in KINDS if kind.role is Role.OBSERVATION)
+_HEADER = ("seq", "cause", "at", "kind", "version")
+NOTHING = "no such decision"
+
+
+class _Ended(Exception):
+    """The log can't be followed any further."""
+
+    def __init__(self, outcome: Outcome, seq: int, detail: str) -> None:
+        super().__init__(detail)
+        self.outcome, self.seq, self.detail = outcome, seq, detail
+
+
+def verify(reader: Reader, progress: Progress | None = None) -> Verdict:
+    """Return whether a flight replays identically. A flight that is still open is verified up to its head now.
+
+    Raises StoreFailed where the store can't be read.
+    """
+    run = _Run(reader)
+    try:
+        run.whole(progress or _silent)
+    except _Ended as end:
+        return run.verdict(end.outcome, end.seq, end.detail)
+    return run.verdict(Outcome.DIVERGES if run.first else Outcome.IDENTICAL)
+
+
+def _silent(_done: int, _of: int) -> None:
+    pass
+
+
+class _Run:
+    """One verification."""
+
+    def __init__(self, reader: Reader) -> None:
+        self.reader = reader
+        self.state = State()
+        self.records = 0
+        self.decisions = 0
+        self.first: Divergence | None = None
+        self.diverged = 0
+
+    def whole(self, progress: Progress) -> None:
+        """Check and replay everything. Raises _Ended."""
+        head = self.reader.head
+        if head.seq < 0:
+            raise _Ended(Outcome.UNREADABLE, 0, "the log is empty")
+        sealed = Chain(self.reader.flight_id, self.reader.secret)
+        check, observations = sealed.check, _OBSERVATIONS
+        recorded: list[Stored] = []
+        for expected, stored in enumerate(self.reader.stored(0, head.seq + 1)):
+            if stored.seq != expected:
+                raise _Ended(Outcome.BROKEN, expected, f"record {expected} is missing")
+            try:
+                check(stored)
+            except ChainBroken as error:
+                raise _Ended(Outcome.BROKEN, expected, str(error)) from error
+            if stored.kind_number in observations and recorded:
+                self._step(recorded)
+                recorded = []
+            recorded.append(stored)
+            self.records += 1
+            if expected % PROGRESS_EVERY == 0:
+                progress(expected, head.seq + 1)
+        if self.records != head.seq + 1 or sealed.leaf != head.leaf:
+            raise _Ended(Outcome.BROKEN, self.records, f"the log ends at {self.records - 1}, its head is {head.seq}")
+        self._step(recorded)
+        progress(head.seq + 1, head.seq + 1)
+
+    def verdict(self, outcome: Outcome, seq: int | None = None, detail: str = "") -> Verdict:
+        """Return what was found."""
+        return Verdict(
+            outcome=outcome,
+            flight_id=self.reader.flight_id.hex(),
+            records=self.records,
+            decisions=self.decisions,
+            first=self.first,
+            further=max(self.diverged - 1, 0),
+            seq=seq,
+            detail=detail,
+        )
+
+    def _step(self, recorded: Sequence[Stored]) -> None:
+        """Replay one step and compare it. Raises _Ended where it can't be read."""
+        observation = _read(recorded[0])
+        if observation.seq == 0:
+            _check_manifest(observation, self.reader.flight_id)
+        replayed = step(self.state, observation).records
+        self.decisions += len(recorded) - 1
+        if len(replayed) == len(recorded) and all(map(_same, recorded, replayed)):
+            return
+        self.diverged += 1
+        if self.first is None:
+            self.first = _divergence(self.reader, recorded, replayed)
+        self._follow(recorded, observation)
+
+    def _follow(self, recorded: Sequence[Stored], observation: Record) -> None:
+        """Go on from what was recorded; where that can't be applied, from what was replayed."""
+        self.state.journal.rollback()
+        try:
+            restore(self.state, [_read(stored) for stored in recorded])
+        except _Ended:
+            raise
+        except Exception:  # noqa: BLE001 - a forged decision may break any chart; that it differs is reported already
+            self.state.journal.rollback()
+            step(self.state, observation)
+
+
+def _read(stored: Stored) -> Record:
+    try:
+        return read_record(stored)
+    except (UnknownKind, BodyBroken) as error:
+        raise _Ended(Outcome.UNREADABLE, stored.seq, str(error)) from error
+
+
+def _check_manifest(first: Record, flight_id: bytes) -> None:
+    if not isinstance(first.message, FlightOpened):
+        raise _Ended(Outcome.UNREADABLE, 0, f"the log begins with {first.kind.name}, not with a manifest")
+    if first.message.flight_id != flight_id:
+        raise _Ended(Outcome.BROKEN, 0, f"the manifest is that of flight {first.message.flight_id.hex()}")
+
+
+def _same(stored: Stored, record: Record) -> bool:
+    return (
+        stored.body == record.body
+        and stored.kind_number == record.kind.number
+        and stored.seq == record.seq
+        and stored.cause == record.cause
+        and stored.at == record.at
+        and stored.version == record.version
+    )
+
+
+def _said(decision: Stored | Record) -> tuple[int, bytes]:
+    number = decision.kind_number if isinstance(decision, Stored) else decision.kind.number
+    return number, decision.body
+
+
+def _divergence(reader: Reader, recorded: Sequence[Stored], replayed: Sequence[Record]) -> Divergence:
+    """Return the first difference of a step; its observation is the same in both."""
+    index = 1
+    while index < min(len(recorded), len(replayed)) and _same(recorded[index], replayed[index]):
+        index += 1
+    rest, other = recorded[index:], replayed[index:]
+    if not rest:
+        return _lacking(reader, recorded[-1].seq + 1, other[0])
+    if not other:
+        return _needless(reader, rest[0])
+    mine, theirs = [_said(one) for one in rest], [_said(one) for one in other]
+    if mine[0] == theirs[0]:
+        return _header(reader, rest[0], other[0])
+    if len(mine) == len(theirs) and sorted(mine) == sorted(theirs):
+        return _both(reader, "order", rest[0], other[0])
+    if len(mine) < len(theirs) and mine[0] in theirs:
+        return _lacking(reader, rest[0].seq, other[0])
+    if len(mine) > len(theirs) and theirs[0] in mine:
+        return _needless(reader, rest[0])
+    if rest[0].kind_number != other[0].kind.number:
+        return _both(reader, "kind", rest[0], other[0])
+    return _body(reader, rest[0], other[0])
+
+
+def _lacking(reader: Reader, seq: int, replayed: Record) -> Divergence:
+    name, text = replayed.kind.name, describe(replayed)
+    causes = (Line(seq, name, f"replayed only: {text}"), *chain(reader, replayed.cause))
+    return Divergence(seq, name, "missing in the log", "", NOTHING, text, causes)
+
+
+def _needless(reader: Reader, recorded: Stored) -> Divergence:
+    shown = line(recorded)
+    return Divergence(shown.seq, shown.kind, "only in the log", "", shown.text, NOTHING, chain(reader, shown.seq))
+
+
+def _both(reader: Reader, what: str, recorded: Stored, replayed: Record) -> Divergence:
+    shown = line(recorded)
+    told = f"{replayed.kind.name}: {describe(replayed)}"
+    return Divergence(shown.seq, shown.kind, what, "", f"{shown.kind}: {shown.text}", told, chain(reader, shown.seq))
+
+
+def _header(reader: Reader, recorded: Stored, replayed: Record) -> Divergence:
+    mine = (recorded.seq, recorded.cause, recorded.at, recorded.kind_number, recorded.version)
+    theirs = (replayed.seq, replayed.cause, replayed.at, replayed.kind.number, replayed.version)
+    name, one, other = next(three for three in zip(_HEADER, mine, theirs, strict=True) if three[1] != three[2])
+    if name == "at":
+        moment = zip(recorded.at._fields, recorded.at, replayed.at, strict=True)
+        name, one, other = next(three for three in moment if three[1] != three[2])
+    causes = chain(reader, recorded.seq)
+    return Divergence(recorded.seq, replayed.kind.name, "header", name, str(one), str(other), causes)
+
+
+def _body(reader: Reader, recorded: Stored, replayed: Record) -> Divergence:
+    seq, name, causes = recorded.seq, replayed.kind.name, chain(reader, recorded.seq)
+    try:
+        message = kind_numbered(recorded.kind_number).message.FromString(recorded.body)
+    except DecodeError:
+        return Divergence(seq, name, "encoding", "", f"{len(recorded.body)} bytes that are no {name}", "", causes)
+    found = first_difference(message, replayed.message)
+    if found is None:
+        return Divergence(seq, name, "encoding", "", recorded.body.hex(), replayed.body.hex(), causes)
+    return Divergence(seq, name, "field", *found, causes)

@@ -1,0 +1,116 @@
+"""The simulator as a process: it says ready, speaks MAVLink and boxes, and ends when asked. And to another's client."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+import struct
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, closing
+
+import pytest
+from pymavlink.dialects.v20 import common as dialect
+
+from autopilot.sim.aircraft import Aircraft
+from autopilot.sim.process import BootClock, Simulation
+from autopilot.sim.world import World
+from autopilot.wire.detections_pb2 import DetectionBatch
+
+WITHIN_S = 30.0
+
+
+def free_ports() -> tuple[int, int]:
+    """Return a UDP and a TCP port of loopback that nobody has."""
+    found = []
+    for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
+        with closing(socket.socket(socket.AF_INET, kind)) as probe:
+            probe.bind(("127.0.0.1", 0))
+            found.append(int(probe.getsockname()[1]))
+    return found[0], found[1]
+
+
+async def batch_from(reader: asyncio.StreamReader) -> DetectionBatch:
+    (length,) = struct.unpack(">I", await reader.readexactly(4))
+    return DetectionBatch.FromString(await reader.readexactly(length))
+
+
+@asynccontextmanager
+async def simulation(seconds: float = 60) -> AsyncIterator[Simulation]:
+    aircraft = Aircraft(1, seconds)
+    running = Simulation(aircraft, World(1, aircraft.route), BootClock())
+    await running.start()
+    try:
+        yield running
+    finally:
+        await running.stop()
+
+
+@pytest.mark.whole
+def test_boxes_reach_every_client_and_the_end_is_told() -> None:
+    async def story() -> None:
+        async with asyncio.timeout(WITHIN_S):
+            async with simulation() as running:
+                running.aircraft.step(20)
+                ends = [await asyncio.open_connection("127.0.0.1", running.eyes_port) for _ in range(2)]
+                batches = [await batch_from(reader) for reader, _ in ends for _ in range(5)]
+                for of_one in (batches[:5], batches[5:]):
+                    numbers = [batch.frame_seq for batch in of_one]
+                    assert numbers == [*range(numbers[0], numbers[0] + 5)]
+                    stamps = [batch.captured_ns for batch in of_one]
+                    assert sorted(set(stamps)) == stamps
+                assert all(batch.latency_us >= 60_000 for batch in batches)
+            last = batches[0]
+            while not last.ended_because:
+                last = await batch_from(ends[0][0])
+            for _, writer in ends:
+                writer.close()
+
+    asyncio.run(story())
+
+
+@pytest.mark.whole
+def test_a_process_of_its_own() -> None:
+    async def story() -> None:
+        mavlink_port, eyes_port = free_ports()
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "autopilot.sim.process", "--seed", "1", "--seconds", "15"),
+            *("--mavlink-port", str(mavlink_port), "--eyes-port", str(eyes_port)),
+            stdout=asyncio.subprocess.PIPE,
+        )
+        try:
+            async with asyncio.timeout(WITHIN_S):
+                assert process.stdout is not None
+                assert await process.stdout.readline() == b"ready\n"
+                reader, writer = await asyncio.open_connection("127.0.0.1", eyes_port)
+                assert (await batch_from(reader)).model == "simulated"
+                writer.close()
+                with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as peer:
+                    peer.setblocking(False)
+                    hello = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(dialect.MAVLink(None, 255, 190))
+                    loop = asyncio.get_running_loop()
+                    await loop.sock_sendto(peer, bytes(hello), ("127.0.0.1", mavlink_port))
+                    data = await loop.sock_recv(peer, 300)
+                (message,) = dialect.MAVLink(None).parse_buffer(data)
+                assert (message.get_srcSystem(), message.get_srcComponent()) == (1, 1)
+                process.send_signal(signal.SIGTERM)
+                assert await process.wait() == 0
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+
+    asyncio.run(story())
+
+
+@pytest.mark.whole
+def test_a_taken_port_is_an_error() -> None:
+    async def story() -> None:
+        async with simulation() as running:
+            aircraft = Aircraft(2, 60)
+            other = Simulation(aircraft, World(2, aircraft.route), BootClock())
+            with pytest.raises(OSError, match="in use"):
+                await other.start(running.mavlink_port)
+
+    asyncio.run(story())

@@ -1,0 +1,245 @@
+"""Answers, re-sends, timeouts and superseding, as tables over injected time."""
+
+from __future__ import annotations
+
+from google.protobuf.message import Message
+
+from autopilot.adapters.vehicle.commands import Exchange, Order, Send
+from autopilot.adapters.vehicle.egress import COMMAND_OF
+from autopilot.adapters.vehicle.heard import Answer, Sender
+from autopilot.ports.config import VehicleSection
+from events.schema.vehicle_pb2 import CommandAnswered, CommandSent, CommandUnanswered
+from tests.autopilot.vehicle.vehicles import at_angles, at_place, release
+
+AUTOPILOT = Sender(system=1, component=1)
+US = Sender(system=1, component=191)
+EFFECTS = {"place": at_place(), "angles": at_angles(), "release": release()}
+COMMANDS = {name: COMMAND_OF[type(effect)] for name, effect in EFFECTS.items()}
+MS = 1_000_000
+
+
+def _do(exchange: Exchange, now_ns: int, words: list[str]) -> None:
+    """`order SEQ KIND LIFE_MS`, `sent SEQ`, `answer KIND RESULT [PROGRESS]`, `aim on|off`, `tick`."""
+    match words:
+        case ["order", seq, kind, life_ms]:
+            order = Order(
+                effect_seq=int(seq),
+                effect=EFFECTS[kind],
+                command=COMMANDS[kind],
+                gimbal=1,
+                deadline_ns=now_ns + int(life_ms) * MS,
+            )
+            exchange.submit(now_ns, order)
+        case ["sent", seq]:
+            exchange.sent(int(seq))
+        case ["answer", kind, result, *progress]:
+            percent = int(progress[0]) if progress else 0
+            answer = Answer(sender=AUTOPILOT, command=COMMANDS[kind], result=int(result), progress=percent, target=US)
+            exchange.hear(now_ns, answer)
+        case ["aim", word]:
+            exchange.aim(AUTOPILOT if word == "on" else None)
+        case ["tick"]:
+            exchange.tick(now_ns)
+
+
+def _said(item: Send | Message) -> str:
+    match item:
+        case Send():
+            return f"send {item.order.effect_seq} #{item.confirmation}"
+        case CommandSent():
+            return f"sent {item.effect_seq}"
+        case CommandAnswered():
+            return f"answered {item.effect_seq} {item.mav_result} {item.progress}% of {item.attempts}"
+        case CommandUnanswered():
+            return f"unanswered {item.effect_seq} {item.because} of {item.attempts}"
+    return "unexpected"
+
+
+def check_exchange(table: str) -> None:
+    """Run a table of `at_ms | do | expected; expected`."""
+    exchange = Exchange(VehicleSection(answer_timeout_s=0.7, attempts=3, in_progress_timeout_s=3))
+    exchange.aim(AUTOPILOT)
+    for line in table.strip().splitlines():
+        at_ms, words, expected = (cell.strip() for cell in line.split("|"))
+        _do(exchange, int(at_ms) * MS, words.split())
+        assert "; ".join(map(_said, exchange.take())) == expected, line
+
+
+def test_accepted() -> None:
+    check_exchange(
+        """
+        0   | order 1 place 5000 | send 1 #0
+        0   | sent 1             | sent 1
+        300 | answer place 0     | answered 1 0 0% of 1
+        900 | tick               |
+        901 | answer place 0     |
+        """
+    )
+
+
+def test_every_result_is_passed_on_raw() -> None:
+    for result in (0, 1, 2, 3, 4, 6, 9, 200):
+        check_exchange(
+            f"""
+            0   | order 1 angles 5000     | send 1 #0
+            0   | sent 1                  | sent 1
+            300 | answer angles {result}  | answered 1 {result} 0% of 1
+            """
+        )
+
+
+def test_no_answer_after_three_attempts() -> None:
+    check_exchange(
+        """
+        0    | order 1 angles 5000 | send 1 #0
+        0    | sent 1              | sent 1
+        699  | tick                |
+        700  | tick                | send 1 #1
+        700  | sent 1              |
+        1400 | tick                | send 1 #2
+        1400 | sent 1              |
+        2099 | tick                |
+        2100 | tick                | unanswered 1 no answer of 3
+        9000 | tick                |
+        """
+    )
+
+
+def test_an_answer_to_the_last_attempt_counts() -> None:
+    check_exchange(
+        """
+        0    | order 1 angles 5000 | send 1 #0
+        0    | sent 1              | sent 1
+        700  | tick                | send 1 #1
+        700  | sent 1              |
+        1399 | answer angles 4     | answered 1 4 0% of 2
+        """
+    )
+
+
+def test_nothing_is_sent_after_its_life() -> None:
+    check_exchange(
+        """
+        0   | order 1 place 700 | send 1 #0
+        0   | sent 1            | sent 1
+        700 | tick              | unanswered 1 no answer of 1
+        """
+    )
+    check_exchange(
+        """
+        0 | order 1 place 0 | unanswered 1 expired before sending of 0
+        """
+    )
+
+
+def test_what_waits_expires() -> None:
+    check_exchange(
+        """
+        0   | order 1 place 5000 | send 1 #0
+        0   | sent 1             | sent 1
+        10  | order 2 place 100  |
+        109 | tick               |
+        110 | tick               | unanswered 2 expired before sending of 0
+        700 | tick               | unanswered 1 no answer of 1
+        """
+    )
+
+
+def test_in_progress_waits_longer_and_ends_the_re_sends() -> None:
+    check_exchange(
+        """
+        0    | order 1 place 9000 | send 1 #0
+        0    | sent 1             | sent 1
+        600  | answer place 5 10  | answered 1 5 10% of 1
+        700  | tick               |
+        3000 | answer place 5 10  |
+        3500 | answer place 5 60  | answered 1 5 60% of 1
+        6499 | tick               |
+        6499 | answer place 0     | answered 1 0 0% of 1
+        """
+    )
+    check_exchange(
+        """
+        0    | order 1 place 9000 | send 1 #0
+        0    | sent 1             | sent 1
+        600  | answer place 5 255 | answered 1 5 255% of 1
+        3599 | tick               |
+        3600 | tick               | unanswered 1 no answer of 1
+        """
+    )
+
+
+def test_one_of_a_command_in_flight_and_the_newest_waits() -> None:
+    check_exchange(
+        """
+        0   | order 1 place 5000 | send 1 #0
+        0   | sent 1             | sent 1
+        10  | order 2 place 5000 |
+        20  | order 3 place 5000 | unanswered 2 superseded of 0
+        100 | answer place 0     | answered 1 0 0% of 1; send 3 #0
+        100 | sent 3             | sent 3
+        150 | answer place 0     | answered 3 0 0% of 1
+        """
+    )
+
+
+def test_a_superseded_one_in_flight_is_not_sent_again_but_its_answer_counts() -> None:
+    check_exchange(
+        """
+        0   | order 1 place 5000  | send 1 #0
+        0   | sent 1              | sent 1
+        10  | order 2 angles 5000 | send 2 #0
+        10  | sent 2              | sent 2
+        20  | answer angles 0     | answered 2 0 0% of 1
+        699 | tick                |
+        700 | tick                | unanswered 1 no answer of 1
+        """
+    )
+    check_exchange(
+        """
+        0   | order 1 place 5000   | send 1 #0
+        0   | sent 1               | sent 1
+        10  | order 2 release 5000 | send 2 #0
+        10  | sent 2               | sent 2
+        20  | answer place 0       | answered 1 0 0% of 1
+        """
+    )
+
+
+def test_no_vehicle() -> None:
+    check_exchange(
+        """
+        0  | aim off            |
+        0  | order 1 place 5000 | unanswered 1 no vehicle of 0
+        10 | aim on             |
+        20 | tick               |
+        """
+    )
+
+
+def test_bytes_that_never_left() -> None:
+    check_exchange(
+        """
+        0    | order 1 angles 5000 | send 1 #0
+        700  | tick                | send 1 #1
+        700  | sent 1              | sent 1
+        1400 | tick                | send 1 #2
+        2100 | tick                | unanswered 1 no answer of 1
+        """
+    )
+    check_exchange(
+        """
+        0   | order 1 place 500 | send 1 #0
+        700 | tick              | unanswered 1 no vehicle of 0
+        """
+    )
+
+
+def test_what_is_due_next() -> None:
+    exchange = Exchange(VehicleSection(answer_timeout_s=0.7))
+    assert exchange.due_ns() is None
+    exchange.aim(AUTOPILOT)
+    _do(exchange, 0, ["order", "1", "place", "5000"])
+    assert exchange.due_ns() == 700 * MS
+    _do(exchange, 0, ["order", "2", "place", "300"])
+    assert exchange.due_ns() == 300 * MS

@@ -1,0 +1,149 @@
+"""A vehicle to test against: messages of an autopilot as bytes, effects, and a session with its outputs kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from google.protobuf.message import Message
+from pymavlink.dialects.v20 import common as dialect
+
+from autopilot.adapters.vehicle.session import Report, Session, Transmit
+from autopilot.ports.config import VehicleSection
+from events.schema.common_pb2 import Place
+from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing
+
+PEER = ("127.0.0.1", 14550)
+S = 1_000_000_000
+US = (1, 191)
+LATITUDE_E7, LONGITUDE_E7, ALTITUDE_MM = 473_977_000, 85_456_000, 518_000
+
+
+def packed(message: Any, system: int = 1, component: int = 1) -> bytes:
+    """Return a message as the bytes of one datagram."""
+    return bytes(message.pack(dialect.MAVLink(None, system, component)))
+
+
+def heartbeat(system: int = 1, component: int = 1, *, autopilot: int = 3, armed: bool = False, mode: int = 0) -> bytes:
+    message = dialect.MAVLink_heartbeat_message(2, autopilot, 128 if armed else 0, mode, 4, 3)
+    return packed(message, system, component)
+
+
+def position(boot_ms: int, **changes: int) -> bytes:
+    fields = {"lat": LATITUDE_E7, "lon": LONGITUDE_E7, "alt": ALTITUDE_MM, "relative_alt": 30_000}
+    fields |= {"vx": 0, "vy": 0, "vz": 0, "hdg": 9_000} | changes
+    return packed(dialect.MAVLink_global_position_int_message(time_boot_ms=boot_ms, **fields))
+
+
+def attitude(boot_ms: int, yaw_deg: float, yaw_rate_deg_s: float = 0.0) -> bytes:
+    yaw, rate = math.radians(yaw_deg), math.radians(yaw_rate_deg_s)
+    return packed(dialect.MAVLink_attitude_message(boot_ms, 0, 0, yaw, 0, 0, rate))
+
+
+def quaternion(pitch_deg: float, yaw_deg: float) -> list[float]:
+    """Return w, x, y, z of yaw, then pitch."""
+    p, y = math.radians(pitch_deg) / 2, math.radians(yaw_deg) / 2
+    sp, cp, sy, cy = math.sin(p), math.cos(p), math.sin(y), math.cos(y)
+    return [cp * cy, -sp * sy, sp * cy, cp * sy]
+
+
+def gimbal(boot_ms: int, pitch_deg: float, yaw_deg: float, flags: int = 32, component: int = 1) -> bytes:
+    q = quaternion(pitch_deg, yaw_deg)
+    message = dialect.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, boot_ms, flags, q, math.nan, math.nan, math.nan, 0
+    )
+    return packed(message, component=component)
+
+
+def answer(command: int, result: int = 0, target: tuple[int, int] = US, progress: int = 0) -> bytes:
+    return packed(dialect.MAVLink_command_ack_message(command, result, progress, 0, *target))
+
+
+def at_place(
+    latitude_e7: int = LATITUDE_E7 + 2_000, longitude_e7: int = LONGITUDE_E7, altitude_mm: int = 488_000
+) -> PointAtPlace:
+    return PointAtPlace(
+        vehicle=1,
+        camera=1,
+        gimbal=1,
+        life_ms=5_000,
+        place=Place(latitude_e7=latitude_e7, longitude_e7=longitude_e7, altitude_mm=altitude_mm),
+    )
+
+
+def at_angles(pitch_cdeg: int = -3_000, yaw_cdeg: int = 9_000, *, yaw_locked: bool = True) -> PointAtAngles:
+    return PointAtAngles(
+        vehicle=1, camera=1, gimbal=1, life_ms=5_000, pitch_cdeg=pitch_cdeg, yaw_cdeg=yaw_cdeg, yaw_locked=yaw_locked
+    )
+
+
+def release() -> ReleasePointing:
+    return ReleasePointing(vehicle=1, camera=1, gimbal=1, life_ms=5_000)
+
+
+def plain_place(latitude_deg: float, longitude_deg: float, altitude_m: float) -> Place:
+    """Return a place without its keys, which nothing here reads."""
+    return Place(
+        latitude_e7=round(latitude_deg * 1e7),
+        longitude_e7=round(longitude_deg * 1e7),
+        altitude_mm=round(altitude_m * 1000),
+    )
+
+
+def decode(data: bytes) -> Any:
+    """Return the message in a datagram, as another implementation reads it."""
+    (message,) = dialect.MAVLink(None).parse_buffer(data)
+    return message
+
+
+class Bench:
+    """A session under test, with time in seconds and everything it wanted."""
+
+    def __init__(
+        self,
+        settings: VehicleSection | None = None,
+        *,
+        healthy: Callable[[], bool] = lambda: True,
+        place: Callable[[float, float, float], Place | None] = plain_place,
+        peer: tuple[str, int] | None = PEER,
+    ) -> None:
+        self.fixes: list[tuple[float, float, float]] = []
+        self.session = Session(
+            settings or VehicleSection(connect="127.0.0.1:14550"),
+            place,
+            lambda *fix: self.fixes.append(fix),
+            healthy,
+            arrival_tolerance_deg=1.0,
+            peer=peer,
+        )
+        self.sent: list[Any] = []  # decoded
+        self.reports: list[Message] = []
+
+    def hear(self, at_s: float, *datagrams: bytes, peer: tuple[str, int] = PEER) -> None:
+        for datagram in datagrams:
+            self.session.hear(round(at_s * S), peer, datagram)
+        self.turn(at_s)
+
+    def perform(self, at_s: float, seq: int, effect: Message) -> None:
+        deadline_ns = round(at_s * S) + 5 * S
+        self.session.perform(round(at_s * S), seq, effect, deadline_ns)
+        self.turn(at_s)
+
+    def turn(self, at_s: float) -> None:
+        self.session.tick(round(at_s * S))
+        while outputs := self.session.take():
+            for output in outputs:
+                if isinstance(output, Transmit):
+                    self.sent.append(decode(output.data))
+                    if output.effect_seq is not None:
+                        self.session.sent(output.effect_seq)
+                elif isinstance(output, Report):
+                    self.reports.append(output.observation)
+
+    def reported(self, *kinds: type[Message]) -> list[Message]:
+        return [report for report in self.reports if isinstance(report, kinds)]
+
+    def commands(self) -> list[int]:
+        """Return the ids of the commands sent so far, those of upkeep left out."""
+        return [message.command for message in self.sent if getattr(message, "command", 511) not in (511, 512)]

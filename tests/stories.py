@@ -1,0 +1,237 @@
+"""Flights in words: what is observed and what is said about it, as short lines that a table or Hypothesis can hold.
+
+    story = Story(scan_enabled=True)
+    story.tell("order a point by=bravo seq=4")      # -> the records of the step
+    words_of(story, records[1])                     # -> "a accepted"
+
+Orders have one name for ever, points of interest are p1, p2 in the order in which they were opened. Positions are
+metres from the origin. Nothing here checks anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from google.protobuf.message import Message
+
+from events import NO_CAUSE, Record, uuid_of
+from events.schema.common_pb2 import Moved, Place
+from events.schema.eyes_pb2 import Detection
+from events.schema.findings_pb2 import (
+    NEW,
+    CameraTaken,
+    ItemIgnored,
+    PoiJoined,
+    PoiOpened,
+    SightingMuted,
+    SightingsClassified,
+)
+from events.schema.flight_pb2 import NodeStarted, StepFailed, TimePassed
+from events.schema.orders_pb2 import AckResult, OrderReceived, SendAck
+from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing, VehicleLinkChanged
+from tests import flights
+from tests.flights import FLIGHT_ID, NS_PER_MS, Flight
+
+MS_PER_S = 1000
+EFFECTS = ("point_at_place", "point_at_angles", "release_pointing")
+
+
+class Story:
+    """A flight that is told in words."""
+
+    def __init__(self, *opening: Message, **changes: Any) -> None:
+        """Open a flight with `flights.limits(**changes)`."""
+        self.flight = Flight(*(opening or flights.opened_well(flights.limits(**changes))))
+        self.pois: list[str] = []
+        self._orders: dict[str, OrderReceived] = {}
+        self._seqs: dict[str, int] = {}
+        self._sends = 1
+        self._frames = 0
+        self._starts = 1
+
+    def at(self, at_ms: int) -> None:
+        """Set the clock."""
+        self.flight.now_ns = at_ms * NS_PER_MS
+
+    def tell(self, words: str) -> tuple[Record, ...]:
+        """Observe what the words say; return the records of the step."""
+        verb, *rest = words.split()
+        plain = [word for word in rest if "=" not in word]
+        named = dict(word.split("=", 1) for word in rest if "=" in word)
+        readers: dict[str, Callable[[list[str], dict[str, str]], Message]] = {
+            "order": self._order,
+            "again": self._again,
+            "malformed": lambda plain, _: flights.malformed(plain[0]),
+            "sent": lambda plain, _: flights.sent(self._effect(plain)),
+            "answered": lambda plain, _: flights.answered(self._effect(plain), int(plain[1])),
+            "unanswered": lambda plain, _: flights.unanswered(self._effect(plain), because=" ".join(plain[1:])),
+            "published": self._published,
+            "gimbal": self._gimbal,
+            "frame": self._frame,
+            "vehicle": lambda plain, _: VehicleLinkChanged(vehicle=1, up=plain[0] == "up"),
+            "start": self._start,
+            "close": lambda *_: flights.closed(),
+            "time": lambda *_: TimePassed(),
+        }
+        records = self.flight.tell(readers[verb](plain, named))
+        opened = (record.seq for record in records if record.kind.name == "poi_opened")
+        self.pois.extend(uuid_of(FLIGHT_ID, seq) for seq in opened)
+        return records
+
+    def poi_name(self, poi_id: str) -> str:
+        """Return p1, p2 and so on."""
+        return f"p{self.pois.index(poi_id) + 1}" if poi_id in self.pois else poi_id
+
+    def _poi_id(self, name: str) -> str:
+        number = int(name[1:]) - 1
+        return self.pois[number] if number < len(self.pois) else name
+
+    def _order(self, plain: list[str], named: dict[str, str]) -> OrderReceived:
+        name, verb, *about = plain
+        who = named.get("by", "alpha")
+        seq = int(named.get("seq", self._seqs.get(who, 0) + 1))
+        self._seqs[who] = max(seq, self._seqs.get(who, 0))
+        values: dict[str, Any] = {"order_seq": seq, "who": who, "send": self._sends}
+        self._sends += 1
+        if "roles" in named:
+            values["roles"] = tuple(filter(None, named["roles"].split(",")))
+        if "target" in named:
+            values["target_public_key"] = named["target"].encode() * 8
+        if "life" in named:
+            values["life_ms"] = int(named["life"])
+        if "nonce" in named:
+            values["nonce"] = named["nonce"].encode() * 3
+        order = self._asked(name, verb, about, named, values)
+        self._orders.setdefault(name, order)
+        return order
+
+    def _asked(
+        self, name: str, verb: str, about: list[str], named: dict[str, str], values: dict[str, Any]
+    ) -> OrderReceived:
+        camera = int(named.get("camera", 1))
+        match verb:
+            case "point":
+                order = flights.point_at_place(name, camera=camera, **values)
+                if named.get("at") == "null":
+                    order.point_at_place.place.CopyFrom(Place())
+                return order
+            case "turn":
+                return flights.point_at_angles(name, camera=camera, **values)
+            case "release":
+                return flights.release(name, camera=camera, **values)
+            case "confirm" | "decline":
+                return flights.judge(name, self._poi_id(about[0]), confirmed=verb == "confirm", **values)
+        return flights.received(name, **values)
+
+    def _again(self, plain: list[str], named: dict[str, str]) -> OrderReceived:
+        """Publish an order again: a fresh envelope, the same body unless told otherwise."""
+        order = OrderReceived()
+        order.CopyFrom(self._orders[plain[0]])
+        order.nonce = f"again {self._sends}".ljust(24).encode()
+        order.in_reply_to = f"reply {self._sends}".ljust(32).encode()
+        order.body_digest = named["body"].encode() * 8 if "body" in named else order.body_digest
+        self._sends += 1
+        return order
+
+    def _effect(self, plain: list[str]) -> int:
+        """Return the seq of the effect that serves an order, of the node's newest own one, or one that never was."""
+        if plain[0].isdigit():
+            return int(plain[0])
+        wanted = {"own": ""}.get(plain[0], plain[0])
+        for record in reversed(self.flight.records):
+            if record.kind.name in EFFECTS and short(_effect_order(record)) == wanted:
+                return record.seq
+        return 1_000_000
+
+    def _published(self, plain: list[str], named: dict[str, str]) -> Message:
+        acks = (record for record in reversed(self.flight.records) if record.kind.name == "send_ack")
+        seqs = [record.seq for record in acks if _ack(record).command_id == plain[0]]
+        return flights.published([*seqs, 1_000_000][0], named.get("failure", ""))
+
+    def _gimbal(self, plain: list[str], named: dict[str, str]) -> Message:
+        if "error" not in named:
+            return flights.gimbal(-1000, 0)
+        return flights.gimbal(-1000, 0, self._effect(plain), int(named["error"]))
+
+    def _frame(self, plain: list[str], named: dict[str, str]) -> Message:
+        self._frames += 1
+        found = [_detection(word) for word in plain]
+        frame = flights.frame(self._frames, *found, camera=int(named.get("camera", 1)))
+        frame.captured_ns = self.flight.now_ns
+        return frame
+
+    def _start(self, _plain: list[str], _named: dict[str, str]) -> Message:
+        self._starts += 1
+        return NodeStarted(boot_id="boot", start=self._starts, outage_ns=1)
+
+
+def _detection(word: str) -> Detection:
+    """Read "person@3,-4:90": a person 3 m east and 4 m south, 90 %; "person@-" has no place."""
+    class_name, where = word.split("@")
+    where, _, percent = where.partition(":")
+    confidence_e4 = round(100 * float(percent or 80))
+    if where == "-":
+        return Detection(class_name=class_name, confidence_e4=confidence_e4, no_place_because="too far")
+    east, north = (round(1000 * float(one)) for one in where.split(","))
+    return flights.detection(east, north, class_name, confidence_e4)
+
+
+def short(instance: str) -> str:
+    """Return the name of an order from its key."""
+    return instance.rpartition("/")[2]
+
+
+def instance_words(story: Story, change: Moved) -> str:
+    """Return how a table names what moved."""
+    if change.chart == "command":
+        return short(change.instance)
+    return story.poi_name(change.instance) if change.chart == "poi" else change.instance
+
+
+def _effect_order(record: Record) -> str:
+    effect = record.message
+    assert isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing)
+    return effect.order
+
+
+def _ack(record: Record) -> SendAck:
+    assert isinstance(record.message, SendAck)
+    return record.message
+
+
+def words_of(story: Story, record: Record) -> str:
+    """Return a decision in words."""
+    match record.message:
+        case SendAck(command_id=name, final=False):
+            return f"{name} received"
+        case SendAck(command_id=name, result=result, duplicate=duplicate):
+            again = " again" * duplicate
+            return f"{name} {AckResult.Name(result).removeprefix('ACK_').lower()}{again}"
+        case PointAtPlace(place=place):
+            return f"look {place.east_mm / 1000:g},{place.north_mm / 1000:g}"
+        case PointAtAngles(pitch_cdeg=pitch, yaw_cdeg=yaw):
+            return f"turn {pitch / 100:g},{yaw / 100:g}"
+        case ReleasePointing():
+            return "let go"
+        case CameraTaken(callsign=callsign):
+            return f"{callsign} has it"
+        case PoiOpened(object=number):
+            return f"open {story.poi_name(uuid_of(FLIGHT_ID, record.seq))} for {number}"
+        case PoiJoined(poi_id=poi_id, object=number):
+            return f"{number} joins {story.poi_name(poi_id)}"
+        case SightingMuted(poi_id=poi_id, object=number):
+            return f"{number} muted by {story.poi_name(poi_id)}"
+        case ItemIgnored(poi_id=poi_id, principal_id=who):
+            return f"{who} mutes {story.poi_name(poi_id)}"
+        case SightingsClassified(sightings=sightings):
+            words = {True: "new {0.object}", False: "same {0.object} {0.distance_mm}mm"}
+            return ", ".join(words[one.diff == NEW].format(one) for one in sightings)
+        case StepFailed(chart=chart, error=error):
+            return f"failed {chart} {error}"
+    return record.kind.name
+
+
+def is_observation(record: Record) -> bool:
+    """Say whether a record came from outside."""
+    return record.cause == NO_CAUSE
