@@ -17,7 +17,8 @@ from events.schema.orders_pb2 import SendAck
 from statecharts import State
 from statecharts.journal import Keyed
 from statecharts.table import Answer, Chart, Row
-from tests.stories import EFFECTS, NS_PER_MS, Story, instance_words, words_of
+from tests.flights import NS_PER_MS
+from tests.stories import EFFECTS, Story, instance_words, words_of
 
 SAYS = {
     "command": ("send_ack", *EFFECTS),

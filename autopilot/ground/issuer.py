@@ -16,11 +16,12 @@ from autopilot.adapters.mesh.link import Link, LinkDown, Wire
 from autopilot.ground.ledger import Answer, Ledger, Order, OrderNumbers, read_ack, read_status
 from autopilot.trust.clock import Clock, HostClock
 from autopilot.trust.envelope import MessageType, Packer, PackError
-from autopilot.trust.gate import Gate, Opened
+from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import Random
 from autopilot.trust.limits import ORDER_TTL_MS, TTL_MS_MAX
 from autopilot.trust.tally import Tally
+from autopilot.trust.verdict import Opened
 from autopilot.wire.keys import ack_address, acks_of, order_key, status_key, status_node
 from events.schema.waypoint_pb2 import CommandAck, DeviceCommand, NodeStatus, PrincipalKind
 

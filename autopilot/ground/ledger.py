@@ -16,8 +16,8 @@ from google.protobuf.message import DecodeError
 
 from autopilot.trust.clock import Clock, wall_ms
 from autopilot.trust.envelope import Packed
-from autopilot.trust.gate import Sealed, Unreadable
 from autopilot.trust.keys import write_file
+from autopilot.trust.verdict import Sealed, Unreadable
 from autopilot.wire.keys import ack_address
 from events.schema.waypoint_pb2 import AckResult, CommandAck, NodeStatus, ResultState
 

@@ -10,7 +10,6 @@ import hashlib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Generic, NoReturn, TypeVar
 
 from google.protobuf.message import DecodeError, Message
@@ -37,70 +36,12 @@ from autopilot.trust.envelope import (
 from autopilot.trust.identity import Epoch, Identity
 from autopilot.trust.keys import SealBroken, SignatureInvalid, digest, key_id, verify
 from autopilot.trust.tally import Tally
+from autopilot.trust.verdict import Malformed, Opened, Rejected, Sealed, Sender, Unreadable
 from autopilot.trust.window import ReplayWindow, TokenBucket
 from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, IdentityToken, PrincipalKind, SealedBody
 
 T = TypeVar("T")
 M = TypeVar("M", bound=Message)
-
-
-class Unreadable(Exception):
-    """A reader's word on an opened content that can't be used; the text names the field."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sender:
-    """Who signed, as the Directory's token says it."""
-
-    principal_id: str
-    callsign: str
-    kind: PrincipalKind.ValueType
-    roles: tuple[str, ...]
-    public_key: bytes
-    device_key_id: bytes
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sealed:
-    """A message that was authenticated and opened. Times are milliseconds, wall or left from now."""
-
-    sender: Sender
-    key_expr: str
-    nonce: bytes
-    issued_at_ms: int
-    ttl_ms: int
-    life_ms: int  # what is left of the message's own life; 0 inside the allowance for skew
-    nonce_life_ms: int  # for how long the nonce must be remembered
-    digest: bytes  # BLAKE2b-256 of the signature input; an answer names it
-    in_reply_to: bytes
-    revocation_version: int
-    plaintext: bytes  # salt and sealed body; its SHA-256 is in the signed header
-    envelope: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Opened(Generic[T]):
-    """Passed; `value` is what the reader made of `content`."""
-
-    message: Sealed
-    order_seq: int
-    content: bytes
-    value: T
-
-
-@dataclass(frozen=True, slots=True)
-class Malformed:
-    """Authentic, but its content can't be read. The only failure that may be answered."""
-
-    message: Sealed
-    because: str
-
-
-@dataclass(frozen=True, slots=True)
-class Rejected:
-    """Dropped in silence; `reason` is the counter's name."""
-
-    reason: str
 
 
 class _Drop(Exception):

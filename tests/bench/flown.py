@@ -21,6 +21,7 @@ from statecharts.engine import LOGIC, step
 from statecharts.state import State
 from tests.bench.flight import FLIGHT_ID, STEP_NS, STEPS_A_SECOND, detection, message, moment, place
 
+TICKS_A_SECOND = STEPS_A_SECOND - 10  # a tick is an observation; decisions come on top
 PEOPLE = 40
 APART = 997  # seqs of places that lie far enough from each other to be different people
 
@@ -52,7 +53,7 @@ def frame(number: int) -> FrameObserved:
 
 def observation(number: int) -> Message:
     """Return the observation of tick `number`: of 17 a second, ten are frames, two positions, five gimbal."""
-    in_second = number % (STEPS_A_SECOND - 10)
+    in_second = number % TICKS_A_SECOND
     return frame(number) if in_second < 10 else message(in_second + 10)
 
 
@@ -68,7 +69,7 @@ def flown(observations: int) -> list[Record]:
     for number, body in enumerate(opening()):
         due = take(moment(number), body)
     for number in range(observations):
-        at = moment(number + 10)
+        at = moment(number * STEPS_A_SECOND // TICKS_A_SECOND + 10)
         if due is not None and due <= at.flight_ns:
             due = take(at, TimePassed())
         due = take(at, observation(number))

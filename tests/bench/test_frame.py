@@ -7,9 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from events.store import MemoryStore
+from replay.verdict import Outcome
+from replay.verify import verify
 from tests.bench import frame
 from tests.bench.__main__ import BENCHES, main
-from tests.bench.flight import records
+from tests.bench.flight import FLIGHT_ID, SECRET, records
+from tests.bench.flown import TICKS_A_SECOND, flown
 from tests.bench.frame import Contestant, Row, at_least, at_most, figure, interleaved, ratio, save, table
 
 
@@ -75,3 +79,13 @@ def test_the_bench_flight_is_gapless_and_always_the_same() -> None:
     assert [record.seq for record in flight] == list(range(60))
     assert [record.body for record in flight] == [record.body for record in records(60)]
     assert len({record.kind.name for record in flight}) == 4
+
+
+def test_the_flown_flight_replays() -> None:
+    """What is measured is a flight that the charts of today decided: they decide it again alike."""
+    log = flown(20 * TICKS_A_SECOND)
+    store = MemoryStore(FLIGHT_ID, SECRET)
+    store.append(log)
+    verdict = verify(store)
+    assert (verdict.outcome, verdict.records, verdict.first) == (Outcome.IDENTICAL, len(log), None)
+    assert {"sightings_classified", "poi_opened", "moved"} <= {record.kind.name for record in log}

@@ -19,10 +19,11 @@ from autopilot.adapters.mesh.outbox import ACK_PATIENCE_S, Answer, Outbox
 from autopilot.ports.config import MeshSection
 from autopilot.ports.edges import Clock, InputClass, Offer
 from autopilot.trust.envelope import MessageType, Packer
-from autopilot.trust.gate import Gate, Malformed, Rejected
+from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import Random
 from autopilot.trust.tally import Tally
+from autopilot.trust.verdict import Malformed, Rejected
 from autopilot.wire.keys import order_address, orders_of
 from events.schema.flight_pb2 import ClockQuality
 from events.schema.orders_pb2 import AckResult as RecordedResult

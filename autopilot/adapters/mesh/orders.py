@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from google.protobuf.message import DecodeError
 
-from autopilot.trust.gate import Malformed, Opened, Sealed, Unreadable
 from autopilot.trust.keys import digest
+from autopilot.trust.verdict import Malformed, Opened, Sealed, Unreadable
 from autopilot.wire.keys import order_address
 from events.schema.common_pb2 import Issuer, Place
 from events.schema.orders_pb2 import (

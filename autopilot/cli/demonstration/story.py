@@ -69,20 +69,29 @@ class Story:
         self.viewer, self.forger = consoles.viewer, consoles.forger
         self.route = route
         self.say = say
+        self._began = time.monotonic()
 
     def tell(self, *, whole: bool) -> None:
         """Play all scenes up to the landing; without `whole` only those that a short flight has time for."""
         self._node_comes_up()
         order = self._camera_points_at_a_place()
+        self._not_before(0.22)
         self._same_order_again(order)
         self._strangers(order)
         if whole:
+            self._not_before(0.32)
             self._last_write_wins()
+        self._not_before(0.42)
         self._release()
+        self._not_before(0.55)
+        self._findings()
         if whole:
             self._router_goes_away()
-        self._findings()
         self._landing()
+
+    def _not_before(self, part: float) -> None:
+        """Let the flight get so far first: a person takes a while to look, and the reader wants to follow."""
+        time.sleep(max(self._began + part * self.route.seconds - time.monotonic(), 0))
 
     def _node_comes_up(self) -> None:
         status = self._wait(lambda status: status.vehicle_link and status.HasField("latitude_e7"), "the node", 20)
@@ -156,7 +165,7 @@ class Story:
         answer = self.first.wait(order)
         self._expect(answer, "accepted")
         times = len(order.envelopes)
-        self.say(f"  it is back: the order was published in {times} envelope(s) and done once: {answer.result}.")
+        self.say(f"  it is back: the order went out in {times} envelope(s) and was done once: {answer.result}.")
 
     def _findings(self) -> None:
         asked = self._wait_for_questions()
@@ -178,7 +187,7 @@ class Story:
 
     def _wait_for_questions(self) -> list[PoiStatus]:
         """Wait for two questions, or until the aircraft is on its way down."""
-        self.first.wait_status(NODE, lambda status: len(status.pois) >= 2 or not status.armed, self.route.seconds / 2)
+        self.first.wait_status(NODE, lambda status: len(status.pois) >= 2 or not status.armed, self.route.seconds / 4)
         return sorted(self._status().pois, key=lambda poi: -poi.confidence_e4)
 
     def _landing(self) -> None:

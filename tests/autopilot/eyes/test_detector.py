@@ -29,6 +29,18 @@ def test_what_it_sees(tmp_path: Path) -> None:
     assert found[1][2] == pytest.approx((0.25, 0.25, 0.25, 0.25))
 
 
+def test_outputs_are_told_by_shape_whatever_their_order(tmp_path: Path) -> None:
+    """Eight classes could be four distributions too, and stand first: they are scores all the same."""
+    named = answers((32, 0, 1, 0.9, 0))
+    wide = {name: np.pad(named[name], ((0, 0), (0, 0), (0, 6))) for name in named if name.startswith("c")}
+    path = tmp_path / "wide.onnx"
+    path.write_bytes(onnx((1, 3, 32, 32), wide | named | wide))
+    detector = Detector(str(path), tuple("abcdefgh"), 0.4, 0.5, 1)
+    ((name, _, box),) = detector.detect(np.zeros((9, 9, 3), np.uint8))
+    assert name == "b"
+    assert box == pytest.approx((0.5, 0.5, 0.5, 0.5))
+
+
 def test_nothing_there(tmp_path: Path) -> None:
     """No cell is sure enough: an empty list, no trouble."""
     detector = Detector(str(model_file(tmp_path)), CLASSES, 0.95, 0.5, 1)

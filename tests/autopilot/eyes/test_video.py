@@ -95,6 +95,31 @@ def test_files_that_are_no_video(tmp_path: Path, content: bytes | None, words: s
     assert str(refusal.value).startswith(f"[eyes] path: {'no file ' * (content is None)}{path}")
 
 
+def test_a_video_without_a_frame_does_not_loop_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A container that opens and has nothing that can be decoded is refused, also where it would loop."""
+
+    class Empty:
+        def __init__(self, path: str) -> None:
+            self.path = path
+
+        def get(self, _what: int) -> float:
+            return 10.0
+
+        def isOpened(self) -> bool:  # noqa: N802 - OpenCV's name
+            return True
+
+        def grab(self) -> bool:
+            return False
+
+        def release(self) -> None: ...
+
+    monkeypatch.setattr("cv2.VideoCapture", Empty)
+    path = video_file(tmp_path)
+    section = EyesSection(source="file", path=str(path), model="m", at_end="loop", frames=1)
+    with pytest.raises(SourceRefused, match="holds no frame that can be decoded"):
+        next(frames(section))
+
+
 def test_a_camera_that_is_not_there() -> None:
     """It may be plugged in later: lost, not refused."""
     section = EyesSection(source="device", device=97, model="m")

@@ -12,9 +12,10 @@ from autopilot.adapters.mesh.adapter import MeshAdapter
 from autopilot.ports.config import MeshSection
 from autopilot.ports.edges import InputClass
 from autopilot.trust.envelope import MessageType
-from autopilot.trust.gate import Gate, Opened
+from autopilot.trust.gate import Gate
 from autopilot.trust.keys import digest
 from autopilot.trust.tally import Tally
+from autopilot.trust.verdict import Opened
 from autopilot.wire import keys
 from events.schema.common_pb2 import Place
 from events.schema.orders_pb2 import AckPublished, AckResult, OrderMalformed, OrderReceived, SendAck

@@ -9,9 +9,9 @@ from nacl import bindings
 
 from autopilot.trust import limits
 from autopilot.trust.envelope import MessageType, Packed, Packer, PackError, open_sealed, seal
-from autopilot.trust.gate import Opened
 from autopilot.trust.keys import SealBroken, SignKey, key_id, verify
 from autopilot.trust.pae import pae
+from autopilot.trust.verdict import Opened
 from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, SealedBody
 from tests.autopilot.trust.world import KEY, NOW_MS, FakeClock, Forge, node_gate, people, seeded
 

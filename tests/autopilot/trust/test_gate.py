@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 
 from autopilot.trust.documents import Revocations
 from autopilot.trust.envelope import signature_input
-from autopilot.trust.gate import Gate, Malformed, Opened, Rejected, Unreadable
+from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import digest, key_id
 from autopilot.trust.tally import REASONS
+from autopilot.trust.verdict import Malformed, Opened, Rejected, Unreadable
 from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, IdentityToken, PrincipalKind, SealedBody
 from tests.autopilot.trust.world import KEY, NOW_MS, FakeClock, Forge, node_gate, people, resigned, retokened
 
@@ -196,6 +197,19 @@ def test_a_rejected_token_is_never_cached() -> None:
     payload = NEGATIVES["a token by the wrong purpose key"][1]
     check_reject("token_sig", payload, gate)
     check_reject("token_sig", payload, gate)
+    assert len(gate._tokens) == 0
+
+
+def test_verified_tokens_are_cached_newest_256() -> None:
+    gate = node_gate()
+    check_opens(GOOD.envelope(), gate)
+    check_opens(replace(GOOD, seq=2).envelope(), gate)
+    assert list(gate._tokens) == [ALICE.token_digest]
+    for number in range(256):
+        other = retokened(ALICE, set_to("callsign", f"ALICE-{number}"))
+        check_opens(replace(GOOD, identity=other, seq=3 + number).envelope(), gate)
+    assert len(gate._tokens) == 256
+    assert ALICE.token_digest not in gate._tokens
 
 
 def test_a_cached_token_still_expires() -> None:

@@ -13,10 +13,10 @@ from autopilot.ground import directory
 from autopilot.ground.directory import DirectoryError
 from autopilot.trust import documents, pae
 from autopilot.trust.documents import DocumentError, DocumentMalformed, DocumentUnsigned
-from autopilot.trust.identity import IdentityError, load_identity
+from autopilot.trust.identity import IdentityError, load_identity, open_epoch
 from autopilot.trust.keys import BoxKey, SealBroken, wrap
-from autopilot.trust.window import ReplayWindow
-from events.schema.waypoint_pb2 import IdentityToken, RevocationList, SignedDoc, TrustRoot
+from autopilot.trust.window import ReplayWindow, TokenBucket
+from events.schema.waypoint_pb2 import EpochBundle, IdentityToken, RevocationList, SignedDoc, TrustRoot
 from tests.autopilot.trust.world import NOW_MS, people, seeded
 
 SECRETS = ("device.sign", "device.box")
@@ -92,6 +92,53 @@ def test_a_document_of_another_device_is_refused(alice: Path) -> None:
 def test_what_has_run_out_is_refused(alice: Path) -> None:
     check_refused(alice, "token", "expired", NOW_MS + 12 * 3_600_000 + 1)
     assert load_identity(alice, NOW_MS + 12 * 3_600_000).principal_id == "alice"
+
+
+def test_a_root_that_has_run_out_is_refused(tmp_path: Path) -> None:
+    directory.issue(
+        people().directory,
+        "old",
+        tmp_path / "old",
+        kind="service",
+        roles=[],
+        callsign="",
+        now_ms=NOW_MS,
+        random=seeded(1),
+        hours=9000,
+    )
+    check_refused(tmp_path / "old", "trust_root", "expired", NOW_MS + 365 * 24 * 3_600_000)
+
+
+def check_bundle(words: str, change: Callable[[EpochBundle], object]) -> None:
+    """A bundle with one change, signed by the Directory, does not open for Alice."""
+    made, alice = people().directory, people().alice
+    bundle = documents.verify_epoch_bundle((alice.folder / "epoch").read_bytes(), made.trust)
+    change(bundle)
+    signed = documents.sign(pae.EPOCH_BUNDLE, bundle, [made.purpose_keys["epoch"]])
+    verified = documents.verify_epoch_bundle(signed, made.trust)
+    with pytest.raises(SealBroken, match=words):
+        open_epoch(verified, alice.sign_key, alice.box_key)
+
+
+def test_a_group_key_is_the_one_committed_to_and_for_this_device() -> None:
+    check_bundle("committed", lambda bundle: setattr(bundle, "key_commitment", b"\x01" * 32))
+    check_bundle("committed", lambda bundle: setattr(bundle, "epoch_id", 2))
+    check_bundle("wrapped for another", lambda bundle: setattr(bundle, "recipient_device_key_id", b"\x01" * 16))
+
+
+def test_a_token_must_fit_both_keys(alice: Path) -> None:
+    for purpose in ("device_sign_pk", "device_box_pk"):
+        token = IdentityToken()
+        token.CopyFrom(people().alice.token)
+        setattr(token, purpose, b"\x05" * 32)
+        signed = documents.sign(pae.IDENTITY_TOKEN, token, [people().directory.purpose_keys["token"]])
+        (alice / "token").write_bytes(signed)
+        check_refused(alice, "token", "other keys")
+
+
+def test_only_nodes_are_known_as_nodes(alice: Path) -> None:
+    shutil.copy(people().bob.folder / "token", alice / "nodes" / "bob.token")
+    assert set(load_identity(alice).known_nodes) == {"wasp-01", "hornet-02"}
 
 
 def test_a_short_secret_is_refused(alice: Path) -> None:
@@ -229,3 +276,15 @@ def test_a_window_never_evicts_the_living() -> None:
     assert window.has_room(b"c", 201)
     assert not window.seen(b"a", b"1")
     assert len(window) == 0
+
+
+def test_a_window_restores_only_what_is_alive() -> None:
+    window = ReplayWindow()
+    window.restore([(b"a", b"1", 1), (b"a", b"2", 0), (b"a", b"3", -1)], 100)
+    assert [window.seen(b"a", nonce) for nonce in (b"1", b"2", b"3")] == [True, False, False]
+
+
+def test_a_bucket_does_not_save_beyond_its_depth() -> None:
+    bucket = TokenBucket(per_s=10, burst=2)
+    assert bucket.take(0)
+    assert [bucket.take(10**12) for _ in range(3)] == [True, True, False]

@@ -11,22 +11,26 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 
 from autopilot.adapters.mesh.link import LinkDown
 from autopilot.ground import directory
 from autopilot.trust import documents, pae
 from autopilot.trust.envelope import MessageType, seal, sealing_key, signature_input
-from autopilot.trust.gate import Gate, Sealed
+from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity, load_identity
 from autopilot.trust.keys import Random, digest
 from autopilot.trust.pae import le64
+from autopilot.trust.verdict import Sealed
 from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, IdentityToken, PrincipalKind, SealedBody
 
 NOW_MS = 1_790_000_000_000
 COMMAND_ID = "0b7c5e2a-6f0e-4d3a-9a51-3f1f5a0c9d11"
 KEY = f"waypoint/global/cmd/wasp-01/{COMMAND_ID}"
 ISSUERS = frozenset({PrincipalKind.OPERATOR, PrincipalKind.SERVICE})
+
+
+_FOLDER = TemporaryDirectory(prefix="people-")  # removed when the interpreter ends
 
 
 @dataclass
@@ -94,7 +98,7 @@ class People:
 @cache
 def people(seed: int = 1) -> People:
     """Make a Directory and its identities; another seed is another Directory of the same deployment."""
-    folder = Path(mkdtemp(prefix="people-"))
+    folder = Path(_FOLDER.name) / str(seed)
     chance = seeded(seed)
     made = directory.init(folder / "directory", deployment_id="coast-watch", now_ms=NOW_MS - 1000, random=chance)
 

@@ -31,19 +31,19 @@ def test_missed() -> None:
     check_chart(
         "aim",
         """
-        at_s | observe                 | state      | why
-        0    | order a point           | 1/1 moving | asked to look somewhere
-        5    | answered a 0            | -          | -
-        10   | time                    | 1/1 missed | not there in time
-        11   | gimbal a error=0        | -          | -
-        12   | order b turn            | 1/1 moving | asked to look somewhere
-        13   | answered b 5            | -          | -
-        14   | answered b 4            | 1/1 missed | the vehicle did not take the command
-        15   | order c turn            | 1/1 moving | asked to look somewhere
-        16   | unanswered c no answer  | 1/1 missed | the vehicle did not take the command
-        17   | order d release         | 1/1 idle   | let go
-        18   | order e release         | -          | -
-        19   | gimbal d error=0        | -          | -
+        at_s | observe                | state      | why
+        0    | order a point          | 1/1 moving | asked to look somewhere
+        5    | answered a 0           | -          | -
+        10   | time                   | 1/1 missed | not there in time
+        11   | gimbal a error=0       | -          | -
+        12   | order b turn           | 1/1 moving | asked to look somewhere
+        13   | answered b 5           | -          | -
+        14   | answered b 4           | 1/1 missed | the vehicle did not take the command
+        15   | order c turn           | 1/1 moving | asked to look somewhere
+        16   | unanswered c no answer | 1/1 missed | the vehicle did not take the command
+        17   | order d release        | 1/1 idle   | let go
+        18   | order e release        | -          | -
+        19   | gimbal d error=0       | -          | -
         """,
     )
 
@@ -54,11 +54,11 @@ def test_only_the_newest_effect_counts(late: str) -> None:
     check_chart(
         "aim",
         f"""
-        at_s | observe          | state       | why
-        0    | order a point    | 1/1 moving  | asked to look somewhere
-        4    | order b point    | 1/1 moving  | asked to look elsewhere
-        5    | {late}           | -           | -
-        14   | time             | 1/1 missed  | not there in time
+        at_s | observe       | state      | why
+        0    | order a point | 1/1 moving | asked to look somewhere
+        4    | order b point | 1/1 moving | asked to look elsewhere
+        5    | {late}        | -          | -
+        14   | time          | 1/1 missed | not there in time
         """,
     )
 
@@ -68,12 +68,12 @@ def test_a_gimbal_that_is_let_go_does_not_arrive() -> None:
     story = check_chart(
         "aim",
         """
-        at_s | observe          | state       | why
-        0    | order a point    | 1/1 moving  | asked to look somewhere
-        1    | order b release  | 1/1 idle    | let go
-        2    | gimbal a error=0 | -           | -
-        3    | answered a 4     | -           | -
-        4    | time             | -           | -
+        at_s | observe          | state      | why
+        0    | order a point    | 1/1 moving | asked to look somewhere
+        1    | order b release  | 1/1 idle   | let go
+        2    | gimbal a error=0 | -          | -
+        3    | answered a 4     | -          | -
+        4    | time             | -          | -
         """,
     )
     aim = story.flight.state.aims["1/1"]
@@ -85,10 +85,10 @@ def test_a_new_wish_forgets_the_old_measurement() -> None:
     story = check_chart(
         "aim",
         """
-        at_s | observe            | state       | why
-        0    | order a point      | 1/1 moving  | asked to look somewhere
-        1    | gimbal a error=90  | 1/1 arrived | measured within the tolerance
-        2    | order b point      | 1/1 moving  | asked to look somewhere
+        at_s | observe           | state       | why
+        0    | order a point     | 1/1 moving  | asked to look somewhere
+        1    | gimbal a error=90 | 1/1 arrived | measured within the tolerance
+        2    | order b point     | 1/1 moving  | asked to look somewhere
         """,
     )
     check_equal(story.flight.state.aims["1/1"].error_cdeg, None)

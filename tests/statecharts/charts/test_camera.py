@@ -10,22 +10,22 @@ def test_a_hold_and_a_pause_run_out() -> None:
     check_chart(
         "camera",
         """
-        at_s | observe         | state         | say         | why
+        at_s | observe         | state         | say          | why
         0    | order a point   | 1/1 operator  | ALPHA has it | an operator points it
-        5    | answered a 2    | -             | -           | -
+        5    | answered a 2    | -             | -            | -
         30   | order b turn    | 1/1 operator  | ALPHA has it | an operator points it: last write wins
-        30   | answered b 0    | -             | -           | -
-        40   | time            | -             | -           | -
-        90   | time            | 1/1 automatic | -           | the hold ran out
-        100  | order c release | 1/1 released  | -           | an operator lets it go
-        101  | answered c 0    | -             | -           | -
-        103  | time            | 1/1 automatic | -           | the pause is over
+        30   | answered b 0    | -             | -            | -
+        40   | time            | -             | -            | -
+        90   | time            | 1/1 automatic | -            | the hold ran out
+        100  | order c release | 1/1 released  | -            | an operator lets it go
+        101  | answered c 0    | -             | -            | -
+        103  | time            | 1/1 automatic | -            | the pause is over
         104  | order d point   | 1/1 operator  | ALPHA has it | an operator points it
-        105  | order e release | 1/1 released  | -           | an operator lets it go
-        107  | order f release | 1/1 released  | -           | an operator lets it go again
+        105  | order e release | 1/1 released  | -            | an operator lets it go
+        107  | order f release | 1/1 released  | -            | an operator lets it go again
         108  | order g point   | 1/1 operator  | ALPHA has it | an operator points it
-        118  | time            | -             | -           | -
-        124  | time            | -             | -           | -
+        118  | time            | -             | -            | -
+        124  | time            | -             | -            | -
         """,
     )
 
@@ -35,12 +35,12 @@ def test_two_operators_last_write_wins_with_attribution() -> None:
     story = check_chart(
         "camera",
         """
-        at_s | observe                    | state        | say          | why
-        0    | order a point              | 1/1 operator | ALPHA has it | an operator points it
-        1    | order b point by=bravo     | 1/1 operator | BRAVO has it | an operator points it: last write wins
-        2    | order c point roles=       | -            | -            | -
-        3    | order d confirm p1         | -            | -            | -
-        4    | order e point seq=1        | -            | -            | -
+        at_s | observe                | state        | say          | why
+        0    | order a point          | 1/1 operator | ALPHA has it | an operator points it
+        1    | order b point by=bravo | 1/1 operator | BRAVO has it | an operator points it: last write wins
+        2    | order c point roles=   | -            | -            | -
+        3    | order d confirm p1     | -            | -            | -
+        4    | order e point seq=1    | -            | -            | -
         """,
     )
     camera = story.flight.state.cameras["1/1"]
@@ -57,10 +57,10 @@ def test_a_restart_does_not_end_a_hold_and_an_answer_does_not_either() -> None:
     check_chart(
         "camera",
         """
-        at_s | observe       | state        | say          | why
-        0    | order a point | 1/1 operator | ALPHA has it | an operator points it
-        1    | answered a 2  | -            | -            | -
-        2    | start         | -            | -            | -
-        60   | time          | 1/1 automatic | -           | the hold ran out
+        at_s | observe       | state         | say          | why
+        0    | order a point | 1/1 operator  | ALPHA has it | an operator points it
+        1    | answered a 2  | -             | -            | -
+        2    | start         | -             | -            | -
+        60   | time          | 1/1 automatic | -            | the hold ran out
         """,
     )

@@ -11,22 +11,22 @@ def test_an_order_is_carried_out() -> None:
     check_chart(
         "command",
         """
-        at_s | observe         | state         | say                    | why
-        0    | order a point   | a intended    | look 1,1               | all gates passed
-        0.1  | sent a          | a sent        | -                      | the bytes left
-        0.2  | sent a          | -             | -                      | -
-        0.3  | answered a 5    | a in_progress | -                      | the vehicle is at it
-        0.4  | answered a 5    | -             | -                      | -
-        0.5  | sent a          | -             | -                      | -
-        0.6  | answered a 0    | a accepted    | a accepted             | COMMAND_ACK: MAV_RESULT_ACCEPTED
-        0.7  | answered a 4    | -             | -                      | -
-        0.8  | unanswered a no answer | -      | -                      | -
-        0.9  | sent a          | -             | -                      | -
-        1.0  | again a         | -             | a accepted again       | COMMAND_ACK: MAV_RESULT_ACCEPTED
-        1.1  | order b turn    | b intended    | turn -30,90            | all gates passed
-        1.2  | answered b 0    | b accepted    | b accepted             | COMMAND_ACK: MAV_RESULT_ACCEPTED
-        1.3  | order c release | c intended    | let go                 | all gates passed
-        1.4  | answered c 0    | c accepted    | c accepted             | COMMAND_ACK: MAV_RESULT_ACCEPTED
+        at_s | observe                | state         | say              | why
+        0    | order a point          | a intended    | look 1,1         | all gates passed
+        0.1  | sent a                 | a sent        | -                | the bytes left
+        0.2  | sent a                 | -             | -                | -
+        0.3  | answered a 5           | a in_progress | -                | the vehicle is at it
+        0.4  | answered a 5           | -             | -                | -
+        0.5  | sent a                 | -             | -                | -
+        0.6  | answered a 0           | a accepted    | a accepted       | COMMAND_ACK: MAV_RESULT_ACCEPTED
+        0.7  | answered a 4           | -             | -                | -
+        0.8  | unanswered a no answer | -             | -                | -
+        0.9  | sent a                 | -             | -                | -
+        1.0  | again a                | -             | a accepted again | COMMAND_ACK: MAV_RESULT_ACCEPTED
+        1.1  | order b turn           | b intended    | turn -30,90      | all gates passed
+        1.2  | answered b 0           | b accepted    | b accepted       | COMMAND_ACK: MAV_RESULT_ACCEPTED
+        1.3  | order c release        | c intended    | let go           | all gates passed
+        1.4  | answered c 0           | c accepted    | c accepted       | COMMAND_ACK: MAV_RESULT_ACCEPTED
         """,
     )
 
@@ -36,36 +36,36 @@ def test_what_the_vehicle_says_is_the_answer() -> None:
     check_chart(
         "command",
         """
-        at_s | observe         | state         | say           | why
-        0    | order a point   | a intended    | look 1,1      | all gates passed
-        0.1  | answered a 1    | a rejected    | a rejected    | COMMAND_ACK: MAV_RESULT_TEMPORARILY_REJECTED
-        1    | order b point   | b intended    | look 1,1      | all gates passed
-        1.1  | answered b 2    | b rejected    | b rejected    | COMMAND_ACK: MAV_RESULT_DENIED
-        2    | order c point   | c intended    | look 1,1      | all gates passed
-        2.1  | answered c 3    | c unsupported | c unsupported | COMMAND_ACK: MAV_RESULT_UNSUPPORTED
-        3    | order d point   | d intended    | look 1,1      | all gates passed
-        3.1  | answered d 7    | d unsupported | d unsupported | COMMAND_ACK: MAV_RESULT_COMMAND_LONG_ONLY
-        4    | order e point   | e intended    | look 1,1      | all gates passed
-        4.1  | answered e 9    | e unsupported | e unsupported | COMMAND_ACK: MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME
-        5    | order f point   | f intended    | look 1,1      | all gates passed
-        5.1  | answered f 5    | f in_progress | -             | the vehicle is at it
-        5.2  | answered f 6    | f rejected    | f rejected    | COMMAND_ACK: MAV_RESULT_CANCELLED
-        6    | order g point   | g intended    | look 1,1      | all gates passed
-        6.1  | answered g 77   | g rejected    | g rejected    | COMMAND_ACK: MAV_RESULT 77
-        7    | order h point   | h intended    | look 1,1      | all gates passed
-        7.1  | unanswered h no answer | h timeout | h timeout  | no answer from the vehicle: no answer
-        8    | order i point   | i intended    | look 1,1      | all gates passed
-        8.1  | unanswered i expired before sending | i timeout | i timeout | no answer from the vehicle: expired before sending
-        9    | order j point   | j intended    | look 1,1      | all gates passed
-        9.1  | unanswered j no vehicle | j rejected | j rejected | could not be sent: no vehicle
-        10   | order k point   | k intended    | look 1,1      | all gates passed
-        10.1 | unanswered k not encodable | k rejected | k rejected | could not be sent: not encodable
-        11   | order l point   | l intended    | look 1,1      | all gates passed
-        11.1 | unanswered l superseded | l rejected | l rejected | could not be sent: superseded
-        12   | order m point   | m intended    | look 1,1      | all gates passed
-        12.1 | answered m 8    | m unsupported | m unsupported | COMMAND_ACK: MAV_RESULT_COMMAND_INT_ONLY
-        13   | order n point   | n intended    | look 1,1      | all gates passed
-        13.1 | answered n 10   | n rejected    | n rejected    | COMMAND_ACK: MAV_RESULT_NOT_IN_CONTROL
+        at_s | observe                    | say           | why
+        0    | order a point              | look 1,1      | all gates passed
+        0.1  | answered a 1               | a rejected    | COMMAND_ACK: MAV_RESULT_TEMPORARILY_REJECTED
+        1    | order b point              | look 1,1      | all gates passed
+        1.1  | answered b 2               | b rejected    | COMMAND_ACK: MAV_RESULT_DENIED
+        2    | order c point              | look 1,1      | all gates passed
+        2.1  | answered c 3               | c unsupported | COMMAND_ACK: MAV_RESULT_UNSUPPORTED
+        3    | order d point              | look 1,1      | all gates passed
+        3.1  | answered d 7               | d unsupported | COMMAND_ACK: MAV_RESULT_COMMAND_LONG_ONLY
+        4    | order e point              | look 1,1      | all gates passed
+        4.1  | answered e 9               | e unsupported | COMMAND_ACK: MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME
+        5    | order f point              | look 1,1      | all gates passed
+        5.1  | answered f 5               | -             | the vehicle is at it
+        5.2  | answered f 6               | f rejected    | COMMAND_ACK: MAV_RESULT_CANCELLED
+        6    | order g point              | look 1,1      | all gates passed
+        6.1  | answered g 77              | g rejected    | COMMAND_ACK: MAV_RESULT 77
+        7    | order h point              | look 1,1      | all gates passed
+        7.1  | unanswered h no answer     | h timeout     | no answer from the vehicle: no answer
+        8    | order i point              | look 1,1      | all gates passed
+        8.1  | unanswered i expired early | i timeout     | no answer from the vehicle: expired early
+        9    | order j point              | look 1,1      | all gates passed
+        9.1  | unanswered j no vehicle    | j rejected    | could not be sent: no vehicle
+        10   | order k point              | look 1,1      | all gates passed
+        10.1 | unanswered k not encodable | k rejected    | could not be sent: not encodable
+        11   | order l point              | look 1,1      | all gates passed
+        11.1 | unanswered l superseded    | l rejected    | could not be sent: superseded
+        12   | order m point              | look 1,1      | all gates passed
+        12.1 | answered m 8               | m unsupported | COMMAND_ACK: MAV_RESULT_COMMAND_INT_ONLY
+        13   | order n point              | look 1,1      | all gates passed
+        13.1 | answered n 10              | n rejected    | COMMAND_ACK: MAV_RESULT_NOT_IN_CONTROL
         """,
     )
 
@@ -75,17 +75,15 @@ def test_nothing_is_heard_of_an_order() -> None:
     check_chart(
         "command",
         """
-        at_s  | observe                | state         | say             | why
-        0     | order a point life=9000 | a intended   | look 1,1        | all gates passed
-        1     | answered a 5           | a in_progress | -               | the vehicle is at it
-        10    | time                   | -             | -               | -
-        14    | time                   | a timeout     | a timeout       | no outcome within the order's life
-        14.5  | answered a 0           | -             | -               | -
-        15    | again a                | -             | a timeout again | no outcome within the order's life
+        at_s | observe                 | state         | say             | why
+        0    | order a point life=9000 | a intended    | look 1,1        | all gates passed
+        1    | answered a 5            | a in_progress | -               | the vehicle is at it
+        10   | time                    | -             | -               | -
+        14   | time                    | a timeout     | a timeout       | no outcome within the order's life
+        14.5 | answered a 0            | -             | -               | -
+        15   | again a                 | -             | a timeout again | no outcome within the order's life
         """,
     )
-
-
 
 
 def test_the_gates_in_their_order() -> None:
@@ -93,23 +91,23 @@ def test_the_gates_in_their_order() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                                                         | state          | say            | why
-        0    | order z0 riddle nonce=same1234 seq=5 life=1                     | z0 unsupported | z0 unsupported | unknown kind of order
-        1    | order a riddle nonce=same1234 seq=5 life=0 roles= target=nobody | a unauthorised | a unauthorised | not for this node
-        1    | order b riddle nonce=same1234 seq=5 life=0 roles=               | b unauthorised | b unauthorised | role not permitted
-        1    | order c riddle nonce=same1234 seq=5 life=0                      | c rejected     | c rejected     | replayed
-        1    | order d riddle seq=5 life=0                                     | d rejected     | d rejected     | stale: a newer order came first
-        1    | order e riddle life=0                                           | e rejected     | e rejected     | expired
-        1    | order f riddle                                                  | f unsupported  | f unsupported  | unknown kind of order
-        1    | vehicle down                                                    | -              | -              | -
-        1    | order g point camera=7 at=null                                  | g rejected     | g rejected     | no such camera, or nothing turns it
-        1    | order h point camera=2 at=null                                  | h rejected     | h rejected     | no such camera, or nothing turns it
-        1    | order i release camera=2                                        | i rejected     | i rejected     | no such camera, or nothing turns it
-        1    | order j point at=null                                           | j rejected     | j rejected     | 0, 0, 0 is no place to look at
-        1    | order k confirm p9                                              | k rejected     | k rejected     | unknown_poi_id
-        1    | order l point                                                   | l rejected     | l rejected     | no vehicle is heard
-        1    | vehicle up                                                      | -              | -              | -
-        1    | order m point                                                   | m intended     | look 1,1       | all gates passed
+        at_s | observe                                                | say            | why
+        0    | order z riddle nonce=same seq=5 life=1                 | z unsupported  | unknown kind of order
+        1    | order a riddle nonce=same seq=5 life=0 roles= target=x | a unauthorised | not for this node
+        1    | order b riddle nonce=same seq=5 life=0 roles=          | b unauthorised | role not permitted
+        1    | order c riddle nonce=same seq=5 life=0                 | c rejected     | replayed
+        1    | order d riddle seq=5 life=0                            | d rejected     | stale: a newer order came first
+        1    | order e riddle life=0                                  | e rejected     | expired
+        1    | order f riddle                                         | f unsupported  | unknown kind of order
+        1    | vehicle down                                           | -              | -
+        1    | order g point camera=7 at=null                         | g rejected     | no such camera, or nothing turns it
+        1    | order h point camera=2 at=null                         | h rejected     | no such camera, or nothing turns it
+        1    | order i release camera=2                               | i rejected     | no such camera, or nothing turns it
+        1    | order j point at=null                                  | j rejected     | 0, 0, 0 is no place to look at
+        1    | order k confirm p9                                     | k rejected     | unknown_poi_id
+        1    | order l point                                          | l rejected     | no vehicle is heard
+        1    | vehicle up                                             | -              | -
+        1    | order m point                                          | look 1,1       | all gates passed
         """,
     )
 
@@ -119,11 +117,11 @@ def test_orders_are_switched_off() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                            | state          | say            | why
-        0    | order a point target=nobody        | a unauthorised | a unauthorised | not for this node
-        0    | order b point roles=viewer seq=1   | b unsupported  | b unsupported  | orders are switched off on this node
-        0    | order c point                      | c unsupported  | c unsupported  | orders are switched off on this node
-        0    | again c                            | -              | c unsupported again | orders are switched off on this node
+        at_s | observe                          | say                 | why
+        0    | order a point target=x           | a unauthorised      | not for this node
+        0    | order b point roles=viewer seq=1 | b unsupported       | orders are switched off on this node
+        0    | order c point                    | c unsupported       | orders are switched off on this node
+        0    | again c                          | c unsupported again | orders are switched off on this node
         """,
         command_enabled=False,
     )
@@ -134,9 +132,9 @@ def test_an_empty_list_of_roles_allows_nobody() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                     | state          | say            | why
-        0    | order a point               | a unauthorised | a unauthorised | role not permitted
-        0    | order b point roles=        | b unauthorised | b unauthorised | role not permitted
+        at_s | observe              | state          | say            | why
+        0    | order a point        | a unauthorised | a unauthorised | role not permitted
+        0    | order b point roles= | b unauthorised | b unauthorised | role not permitted
         """,
         camera_roles=[],
     )
@@ -147,8 +145,8 @@ def test_one_role_of_several_is_enough() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                         | state          | say            | why
-        0    | order a point roles=viewer,admin | a intended    | look 1,1       | all gates passed
+        at_s | observe                          | state          | say            | why
+        0    | order a point roles=viewer,admin | a intended     | look 1,1       | all gates passed
         0    | order b point roles=viewer,owner | b unauthorised | b unauthorised | role not permitted
         """,
         camera_roles=["operator", "admin"],
@@ -162,11 +160,11 @@ def test_safe_mode_refuses_after_role_and_sequence() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                     | state          | say            | why
-        0    | order a point roles=        | a unauthorised | a unauthorised | role not permitted
-        0    | order b point seq=1         | b rejected     | b rejected     | stale: a newer order came first
-        0    | order c point life=0        | c rejected     | c rejected     | the node is in safe mode
-        0    | order d release             | d rejected     | d rejected     | the node is in safe mode
+        at_s | observe              | state          | say            | why
+        0    | order a point roles= | a unauthorised | a unauthorised | role not permitted
+        0    | order b point seq=1  | b rejected     | b rejected     | stale: a newer order came first
+        0    | order c point life=0 | c rejected     | c rejected     | the node is in safe mode
+        0    | order d release      | d rejected     | d rejected     | the node is in safe mode
         """,
         story,
     )
@@ -197,15 +195,15 @@ def test_a_stored_result_is_the_whole_result() -> None:
     story = check_chart(
         "command",
         """
-        at_s | observe         | state         | say              | why
-        0    | order a point   | a intended    | look 1,1         | all gates passed
-        1    | answered a 1    | a rejected    | a rejected       | COMMAND_ACK: MAV_RESULT_TEMPORARILY_REJECTED
-        2    | again a         | -             | a rejected again | COMMAND_ACK: MAV_RESULT_TEMPORARILY_REJECTED
-        3    | order b point   | b intended    | look 1,1         | all gates passed
-        3.1  | answered b 5    | b in_progress | -                | the vehicle is at it
-        4    | unanswered b no answer | b timeout | b timeout     | no answer from the vehicle: no answer
-        5    | again b         | -             | b timeout again  | no answer from the vehicle: no answer
-        6    | order c point life=0 | c rejected | c rejected      | expired
+        at_s | observe                | state         | say              | why
+        0    | order a point          | a intended    | look 1,1         | all gates passed
+        1    | answered a 1           | a rejected    | a rejected       | COMMAND_ACK: MAV_RESULT_TEMPORARILY_REJECTED
+        2    | again a                | -             | a rejected again | COMMAND_ACK: MAV_RESULT_TEMPORARILY_REJECTED
+        3    | order b point          | b intended    | look 1,1         | all gates passed
+        3.1  | answered b 5           | b in_progress | -                | the vehicle is at it
+        4    | unanswered b no answer | b timeout     | b timeout        | no answer from the vehicle: no answer
+        5    | again b                | -             | b timeout again  | no answer from the vehicle: no answer
+        6    | order c point life=0   | c rejected    | c rejected       | expired
         """,
     )
     acks = [record.message for record in story.flight.records if record.kind.name == "send_ack"]
@@ -218,12 +216,12 @@ def test_the_id_of_an_order_is_its_issuers_own() -> None:
     story = check_chart(
         "command",
         """
-        at_s | observe                     | state      | say        | why
-        0    | order a point seq=9         | a intended | look 1,1   | all gates passed
+        at_s | observe                     | state      | say         | why
+        0    | order a point seq=9         | a intended | look 1,1    | all gates passed
         1    | order a turn by=bravo seq=2 | a intended | turn -30,90 | all gates passed
-        2    | order b turn by=bravo seq=2 | b rejected | b rejected | stale: a newer order came first
+        2    | order b turn by=bravo seq=2 | b rejected | b rejected  | stale: a newer order came first
         3    | order c turn by=bravo seq=3 | c intended | turn -30,90 | all gates passed
-        4    | order d turn seq=9          | d rejected | d rejected | stale: a newer order came first
+        4    | order d turn seq=9          | d rejected | d rejected  | stale: a newer order came first
         """,
     )
     check_equal(sorted(story.flight.state.orders._rows), ["alpha/a", "alpha/d", "bravo/a", "bravo/b", "bravo/c"])
@@ -234,11 +232,11 @@ def test_a_refused_order_uses_up_its_number() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                   | state          | say            | why
+        at_s | observe                    | state          | say            | why
         0    | order a point seq=7 roles= | a unauthorised | a unauthorised | role not permitted
-        0    | order b point seq=6       | b rejected     | b rejected     | stale: a newer order came first
-        0    | order c point seq=8       | c intended     | look 1,1       | all gates passed
-        0    | order d point seq=8       | d rejected     | d rejected     | stale: a newer order came first
+        0    | order b point seq=6        | b rejected     | b rejected     | stale: a newer order came first
+        0    | order c point seq=8        | c intended     | look 1,1       | all gates passed
+        0    | order d point seq=8        | d rejected     | d rejected     | stale: a newer order came first
         """,
     )
 
@@ -248,9 +246,9 @@ def test_malformed_orders_are_answered_and_their_nonce_counts() -> None:
     story = check_chart(
         "command",
         """
-        at_s | observe      | state | say        | why
-        0    | malformed a  | -     | a rejected | camera_roi.lat_e7: 95 degrees
-        0    | malformed a  | -     | a rejected | camera_roi.lat_e7: 95 degrees
+        at_s | observe     | state | say        | why
+        0    | malformed a | -     | a rejected | camera_roi.lat_e7: 95 degrees
+        0    | malformed a | -     | a rejected | camera_roi.lat_e7: 95 degrees
         """,
     )
     check_equal(len(story.flight.state.nonces), 1)
@@ -262,11 +260,11 @@ def test_a_nonce_is_forgotten_after_its_life() -> None:
     check_chart(
         "command",
         """
-        at_s   | observe                      | state         | say           | why
-        0      | order a riddle nonce=same1234 | a unsupported | a unsupported | unknown kind of order
-        44.999 | order b riddle nonce=same1234 | b rejected    | b rejected    | replayed
-        89.998 | order c riddle nonce=same1234 | c rejected    | c rejected    | replayed
-        134.998 | order d riddle nonce=same1234 | d unsupported | d unsupported | unknown kind of order
+        at_s    | observe                   | state         | say           | why
+        0       | order a riddle nonce=same | a unsupported | a unsupported | unknown kind of order
+        44.999  | order b riddle nonce=same | b rejected    | b rejected    | replayed
+        89.998  | order c riddle nonce=same | c rejected    | c rejected    | replayed
+        134.998 | order d riddle nonce=same | d unsupported | d unsupported | unknown kind of order
         """,
     )
 
@@ -276,23 +274,23 @@ def test_a_restart() -> None:
     check_chart(
         "command",
         """
-        at_s | observe         | state         | say                    | why
-        0    | order a point   | a intended    | look 1,1               | all gates passed
-        1    | order b point   | b intended    | look 1,1               | all gates passed
-        1    | sent b          | b sent        | -                      | the bytes left
-        1    | answered b 5    | b in_progress | -                      | the vehicle is at it
-        2    | order c point   | c intended    | look 1,1               | all gates passed
-        2    | answered c 0    | c accepted    | c accepted             | COMMAND_ACK: MAV_RESULT_ACCEPTED
-        2    | published c     | -             | -                      | -
-        2    | order d riddle  | d unsupported | d unsupported          | unknown kind of order
-        3    | start           | a timeout, b timeout | a timeout; b timeout; d unsupported | unknown after restart
-        4    | answered a 0    | -             | -                      | -
-        4    | published a     | -             | -                      | -
-        4    | published d     | -             | -                      | -
-        5    | start           | -             | b timeout              | unknown after restart
-        5    | published b     | -             | -                      | -
-        6    | start           | -             | -                      | -
-        7    | again a         | -             | a timeout again        | unknown after restart
+        at_s | observe        | state                | say
+        0    | order a point  | a intended           | look 1,1
+        1    | order b point  | b intended           | look 1,1
+        1    | sent b         | b sent               | -
+        1    | answered b 5   | b in_progress        | -
+        2    | order c point  | c intended           | look 1,1
+        2    | answered c 0   | c accepted           | c accepted
+        2    | published c    | -                    | -
+        2    | order d riddle | d unsupported        | d unsupported
+        3    | start          | a timeout, b timeout | a timeout; b timeout; d unsupported
+        4    | answered a 0   | -                    | -
+        4    | published a    | -                    | -
+        4    | published d    | -                    | -
+        5    | start          | -                    | b timeout
+        5    | published b    | -                    | -
+        6    | start          | -                    | -
+        7    | again a        | -                    | a timeout again
         """,
     )
 
@@ -302,15 +300,15 @@ def test_an_answer_that_could_not_leave_is_still_owed() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                   | state         | say           | why
-        0    | order a riddle            | a unsupported | a unsupported | unknown kind of order
-        1    | published a failure=nolink | -            | -             | -
-        2    | start                     | -             | a unsupported | unknown kind of order
-        3    | again a body=evil         | -             | a rejected    | command_id reuse: another body under the same id
-        3    | published a               | -             | -             | -
-        4    | start                     | -             | a unsupported | unknown kind of order
-        4    | published a               | -             | -             | -
-        5    | start                     | -             | -             | -
+        at_s | observe                    | say           | why
+        0    | order a riddle             | a unsupported | unknown kind of order
+        1    | published a failure=nolink | -             | -
+        2    | start                      | a unsupported | unknown kind of order
+        3    | again a body=evil          | a rejected    | command_id reuse: another body under the same id
+        3    | published a                | -             | -
+        4    | start                      | a unsupported | unknown kind of order
+        4    | published a                | -             | -
+        5    | start                      | -             | -
         """,
     )
 
@@ -320,13 +318,13 @@ def test_results_are_kept_for_their_time() -> None:
     check_chart(
         "command",
         """
-        at_s | observe       | state      | say        | why
-        0    | order a point life=1000 | a intended | look 1,1 | all gates passed
-        6    | time          | a timeout  | a timeout  | no outcome within the order's life
-        19.999 | again a     | -          | a timeout again | no outcome within the order's life
-        20   | order b riddle | b unsupported | b unsupported | unknown kind of order
-        21   | answered a 0  | -          | -          | -
-        22   | again a       | a rejected | a rejected | stale: a newer order came first
+        at_s   | observe                 | state         | say             | why
+        0      | order a point life=1000 | a intended    | look 1,1        | all gates passed
+        6      | time                    | a timeout     | a timeout       | no outcome within the order's life
+        19.999 | again a                 | -             | a timeout again | no outcome within the order's life
+        20     | order b riddle          | b unsupported | b unsupported   | unknown kind of order
+        21     | answered a 0            | -             | -               | -
+        22     | again a                 | a rejected    | a rejected      | stale: a newer order came first
         """,
         dedup_keep_ms=20_000,
         arrival_patience_ms=1_000_000,
@@ -353,10 +351,10 @@ def test_outcomes_of_nothing_are_nothing() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                       | state | say | why
-        0    | sent 4711                     | -     | -   | -
-        0    | answered 4711 0               | -     | -   | -
-        0    | unanswered 4711 no answer     | -     | -   | -
-        0    | published nobody              | -     | -   | -
+        at_s | observe                   | state | say | why
+        0    | sent 4711                 | -     | -   | -
+        0    | answered 4711 0           | -     | -   | -
+        0    | unanswered 4711 no answer | -     | -   | -
+        0    | published nobody          | -     | -   | -
         """,
     )

@@ -1,0 +1,106 @@
+"""`autopilot export`: a flight in a form that others read. The flight is only read."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from autopilot.cli.flight import with_flight
+from events import read_record
+from events.store import Reader
+from projections.bundle import build
+from projections.canonical import json_text
+
+_EXAMPLES = """\
+examples:
+  autopilot export bundle flights/000001-1a2b3c4d bundle.json
+  autopilot export bundle flights/000001-1a2b3c4d - | python -m json.tool
+
+exit codes: 0 written, 65 the flight can't be understood, 66 there is no such flight, 73 OUT can't be written, \
+74 the flight can't be read
+"""
+_BUNDLE = """\
+Write the post-flight bundle as JSON: map objects, observations, ignored items, points of interest, audit rows and a
+summary of the flight. The same flight gives the same bytes every time.
+"""
+
+
+def add(commands: Any) -> None:
+    """Add the command and its own commands to the program's."""
+    made = commands.add_parser(
+        "export",
+        help="write a flight in a form that others read",
+        description="Write a flight in a form that others read.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    own = made.add_subparsers(dest="export_kind", required=True, metavar="KIND")
+    one = own.add_parser(
+        "bundle",
+        help="the post-flight bundle as JSON",
+        description=_BUNDLE,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    one.add_argument("flight", metavar="FLIGHT", help="folder of the flight")
+    one.add_argument("out", metavar="OUT", help="file to write; - for standard output")
+    one.add_argument("--json", action="store_true", help="print what was written as one JSON object")
+    one.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write a bundle; return the exit code."""
+    if args.json and args.out == "-":
+        print("autopilot export: --json and OUT - would both use standard output; name a file", file=sys.stderr)
+        return os.EX_USAGE
+    return with_flight(args.flight, lambda reader: _bundle(reader, args.out, as_json=args.json))
+
+
+def _bundle(reader: Reader, out: str, *, as_json: bool) -> int:
+    try:
+        bundle = build(map(read_record, reader.stored()))
+    except LookupError as error:
+        print(f"autopilot export: {error}", file=sys.stderr)
+        return os.EX_DATAERR
+    data = json_text(bundle).encode() + b"\n"
+    if out == "-":
+        sys.stdout.write(data.decode())
+        return os.EX_OK
+    try:
+        write_whole(Path(out), data)
+    except OSError as error:
+        print(f"autopilot export: {out} can't be written: {error.strerror}", file=sys.stderr)
+        return os.EX_CANTCREAT
+    _tell(out, data, bundle, as_json=as_json)
+    return os.EX_OK
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file as a whole or not at all. Raises OSError."""
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except OSError:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _tell(out: str, data: bytes, bundle: dict[str, Any], *, as_json: bool) -> None:
+    counts = {name: len(bundle[name]) for name in ("map_objects", "observations", "ignored_items", "pois", "audit")}
+    if as_json:
+        written = {"bundle": out, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        print(json.dumps(written | counts, sort_keys=True))
+    else:
+        listed = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items())
+        print(f"{out}: {listed}", file=sys.stderr)
