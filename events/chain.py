@@ -20,9 +20,9 @@ SECRET_BYTES = 32
 FLIGHT_ID_BYTES = 16
 FIRST_LEAF_BEFORE = bytes(LEAF_BYTES)
 
-# flight_id 16 bytes, seq u64, cause i64, flight_ns u64, mono_ns u64, boot u32, wall_ns i64,
-# clock_quality u8, kind u16, version u8, leaf before 32 bytes
-HEADER = struct.Struct(">16sQqQQIqBHB32s")
+# The leaf prefix, then the header: flight_id 16 bytes, seq u64, cause i64, flight_ns u64, mono_ns u64, boot u32,
+# wall_ns i64, clock_quality u8, kind u16, version u8, leaf before 32 bytes; then the hash of the salted body.
+_LEAF = struct.Struct(">c16sQqQQIqBHB32s32s")
 _LE64 = struct.Struct("<Q")
 
 
@@ -30,19 +30,14 @@ class ChainBroken(ValueError):
     """A stored leaf is not the hash of its record."""
 
 
-def salt_of(secret: bytes, seq: int) -> bytes:
-    """Return the 16-byte salt of record `seq` under the flight's 32-byte secret."""
-    return blake2b(_LE64.pack(seq), digest_size=SALT_BYTES, key=secret).digest()
-
-
 class Chain:
     """The chain of one flight: knows the leaf before, gives the leaf of the record after."""
 
-    __slots__ = ("_flight_id", "_secret", "leaf")
+    __slots__ = ("_flight_id", "_salts", "leaf")
 
     def __init__(self, flight_id: bytes, secret: bytes, leaf: bytes = FIRST_LEAF_BEFORE) -> None:
         self._flight_id = flight_id
-        self._secret = secret
+        self._salts = blake2b(digest_size=SALT_BYTES, key=secret)  # keyed once, copied for each record
         self.leaf = leaf
 
     def extend(self, seq: int, cause: int, at: Moment, kind_number: int, version: int, body: bytes) -> bytes:
@@ -50,10 +45,14 @@ class Chain:
 
         Raises struct.error for a value that does not fit its column; the chain then stays where it was.
         """
-        header = HEADER.pack(self._flight_id, seq, cause, *at, kind_number, version, self.leaf)
-        body_hash = sha256(salt_of(self._secret, seq) + body).digest()
-        self.leaf = sha256(b"\x00" + header + body_hash).digest()
-        return self.leaf
+        salt = self._salts.copy()
+        salt.update(_LE64.pack(seq))
+        body_hash = sha256(salt.digest() + body).digest()
+        leaf = sha256(
+            _LEAF.pack(b"\x00", self._flight_id, seq, cause, *at, kind_number, version, self.leaf, body_hash)
+        ).digest()
+        self.leaf = leaf
+        return leaf
 
     def check(self, stored: Stored) -> None:
         """Go on over a stored record. Raises ChainBroken where its leaf is not what its content gives."""

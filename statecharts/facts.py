@@ -48,7 +48,7 @@ class Manifest:
     node: str
     node_public_key: bytes
     limits: Limits  # read only
-    camera_roles: frozenset[str]
+    camera_roles: tuple[str, ...]
     group_of: dict[str, str]  # class name to class group; never changed
     gimbal_of: dict[str, int]  # camera key to gimbal number; never changed
 

@@ -30,6 +30,7 @@ class State:
         "deadlines",
         "effects",
         "failures",
+        "forgot_ns",
         "frame",
         "grid",
         "health",
@@ -60,6 +61,7 @@ class State:
         self.orders: Keyed[str, Order] = Keyed(journal)  # order key
         self.order_seqs: Keyed[bytes, int] = Keyed(journal)  # device key id
         self.nonces: Keyed[tuple[bytes, bytes], int] = Keyed(journal)  # device key id, nonce: kept until
+        self.forgot_ns: Single[int] = Single(journal, 0)  # when old orders and nonces were last looked for
         self.effects: Keyed[int, Effect] = Keyed(journal)  # seq of the effect
         self.owed_acks: Keyed[int, str] = Keyed(journal)  # seq of the send_ack: order key
         self.cameras: Keyed[str, Camera] = Keyed(journal)  # camera key

@@ -156,4 +156,4 @@ def _reader(row: Row[Any]) -> Callable[[dict[str, bool]], bool] | None:
 
 def check_equal(found: object, expected: object) -> None:
     """Check that two values are equal."""
-    assert found == expected
+    assert found == expected, f"\nfound:    {found!r}\nexpected: {expected!r}"

@@ -1,0 +1,1 @@
+"""The edges of the daemon. None knows another; foreign types stop here."""

@@ -1,0 +1,1 @@
+"""Schemas and keys of the outside."""

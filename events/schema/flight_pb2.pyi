@@ -35,7 +35,7 @@ class _ClockQualityEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ClockQua
     """The wall clock can be relied on."""
 
 class ClockQuality(_ClockQuality, metaclass=_ClockQualityEnumTypeWrapper):
-    """How far the wall clock of a record can be believed (trust.md 1.8)."""
+    """How far the wall clock of a record can be believed (docs/envelope.md)."""
 
 CLOCK_UNSET: ClockQuality.ValueType  # 0
 """No authenticated time since boot."""
@@ -587,7 +587,7 @@ class RejectedCount(_message.Message):
     REASON_FIELD_NUMBER: _builtins.int
     COUNT_FIELD_NUMBER: _builtins.int
     reason: _builtins.str
-    """Counter of the gate (trust.md 1.9)."""
+    """Counter of the gate (docs/envelope.md)."""
     count: _builtins.int
     """How many since the last such record."""
     def __init__(

@@ -58,7 +58,7 @@ def reception_off(facts: Facts) -> bool:
 def role_missing(facts: Facts) -> bool:
     """None of the issuer's roles may point the camera; an empty list allows nobody."""
     asked = facts.received
-    return asked is None or facts.state.flight.camera_roles.isdisjoint(asked.issuer.roles)
+    return asked is None or not any(role in facts.state.flight.camera_roles for role in asked.issuer.roles)
 
 
 def replayed(facts: Facts) -> bool:

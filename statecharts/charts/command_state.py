@@ -16,6 +16,8 @@ from statecharts.state import State
 NS_PER_MS = 1_000_000
 # The adapter answers within the order's life; this long after it the core stops waiting for the adapter.
 OUTCOME_GRACE_NS = 5_000_000_000
+# What need not be remembered any more is looked for this often: an order should not pay for all others.
+FORGET_EVERY_NS = 10_000_000_000
 
 
 def _receive(state: State, record: Record) -> None:
@@ -78,6 +80,9 @@ def _asked(received: OrderReceived) -> tuple[str, str, str, bool]:
 
 
 def _forget_old(state: State, now_ns: int) -> None:
+    if now_ns < state.forgot_ns.value + FORGET_EVERY_NS:
+        return
+    state.forgot_ns.set(now_ns)
     state.nonces.drop_where(lambda until_ns: until_ns <= now_ns)
     state.orders.drop_where(lambda order: order.keep_until_ns <= now_ns and order.state in FINAL)
 

@@ -91,23 +91,23 @@ def test_the_gates_in_their_order() -> None:
     check_chart(
         "command",
         """
-        at_s | observe                                                | say            | why
-        0    | order z riddle nonce=same seq=5 life=1                 | z unsupported  | unknown kind of order
-        1    | order a riddle nonce=same seq=5 life=0 roles= target=x | a unauthorised | not for this node
-        1    | order b riddle nonce=same seq=5 life=0 roles=          | b unauthorised | role not permitted
-        1    | order c riddle nonce=same seq=5 life=0                 | c rejected     | replayed
-        1    | order d riddle seq=5 life=0                            | d rejected     | stale: a newer order came first
-        1    | order e riddle life=0                                  | e rejected     | expired
-        1    | order f riddle                                         | f unsupported  | unknown kind of order
-        1    | vehicle down                                           | -              | -
-        1    | order g point camera=7 at=null                         | g rejected     | no such camera, or nothing turns it
-        1    | order h point camera=2 at=null                         | h rejected     | no such camera, or nothing turns it
-        1    | order i release camera=2                               | i rejected     | no such camera, or nothing turns it
-        1    | order j point at=null                                  | j rejected     | 0, 0, 0 is no place to look at
-        1    | order k confirm p9                                     | k rejected     | unknown_poi_id
-        1    | order l point                                          | l rejected     | no vehicle is heard
-        1    | vehicle up                                             | -              | -
-        1    | order m point                                          | look 1,1       | all gates passed
+        at_s | observe                                            | say            | why
+        0    | order z dance nonce=n seq=5 life=1                 | z unsupported  | unknown kind of order
+        1    | order a dance nonce=n seq=5 life=0 roles= target=x | a unauthorised | not for this node
+        1    | order b dance nonce=n seq=5 life=0 roles=          | b unauthorised | role not permitted
+        1    | order c dance nonce=n seq=5 life=0                 | c rejected     | replayed
+        1    | order d dance seq=5 life=0                         | d rejected     | stale: a newer order came first
+        1    | order e dance life=0                               | e rejected     | expired
+        1    | order f dance                                      | f unsupported  | unknown kind of order
+        1    | vehicle down                                       | -              | -
+        1    | order g point camera=7 at=null                     | g rejected     | no such camera, or nothing turns it
+        1    | order h point camera=2 at=null                     | h rejected     | no such camera, or nothing turns it
+        1    | order i release camera=2                           | i rejected     | no such camera, or nothing turns it
+        1    | order j point at=null                              | j rejected     | 0, 0, 0 is no place to look at
+        1    | order k confirm p9                                 | k rejected     | unknown_poi_id
+        1    | order l point                                      | l rejected     | no vehicle is heard
+        1    | vehicle up                                         | -              | -
+        1    | order m point                                      | look 1,1       | all gates passed
         """,
     )
 
@@ -260,11 +260,11 @@ def test_a_nonce_is_forgotten_after_its_life() -> None:
     check_chart(
         "command",
         """
-        at_s    | observe                   | state         | say           | why
-        0       | order a riddle nonce=same | a unsupported | a unsupported | unknown kind of order
-        44.999  | order b riddle nonce=same | b rejected    | b rejected    | replayed
-        89.998  | order c riddle nonce=same | c rejected    | c rejected    | replayed
-        134.998 | order d riddle nonce=same | d unsupported | d unsupported | unknown kind of order
+        at_s    | observe               | state         | say           | why
+        0       | order a dance nonce=n | a unsupported | a unsupported | unknown kind of order
+        44.999  | order b dance nonce=n | b rejected    | b rejected    | replayed
+        89.998  | order c dance nonce=n | c rejected    | c rejected    | replayed
+        134.998 | order d dance nonce=n | d unsupported | d unsupported | unknown kind of order
         """,
     )
 
@@ -274,23 +274,23 @@ def test_a_restart() -> None:
     check_chart(
         "command",
         """
-        at_s | observe        | state                | say
-        0    | order a point  | a intended           | look 1,1
-        1    | order b point  | b intended           | look 1,1
-        1    | sent b         | b sent               | -
-        1    | answered b 5   | b in_progress        | -
-        2    | order c point  | c intended           | look 1,1
-        2    | answered c 0   | c accepted           | c accepted
-        2    | published c    | -                    | -
-        2    | order d riddle | d unsupported        | d unsupported
-        3    | start          | a timeout, b timeout | a timeout; b timeout; d unsupported
-        4    | answered a 0   | -                    | -
-        4    | published a    | -                    | -
-        4    | published d    | -                    | -
-        5    | start          | -                    | b timeout
-        5    | published b    | -                    | -
-        6    | start          | -                    | -
-        7    | again a        | -                    | a timeout again
+        at_s | observe       | state                | say
+        0    | order a point | a intended           | look 1,1
+        1    | order b point | b intended           | look 1,1
+        1    | sent b        | b sent               | -
+        1    | answered b 5  | b in_progress        | -
+        2    | order c point | c intended           | look 1,1
+        2    | answered c 0  | c accepted           | c accepted
+        2    | published c   | -                    | -
+        2    | order d dance | d unsupported        | d unsupported
+        3    | start         | a timeout, b timeout | a timeout; b timeout; d unsupported
+        4    | answered a 0  | -                    | -
+        4    | published a   | -                    | -
+        4    | published d   | -                    | -
+        5    | start         | -                    | b timeout
+        5    | published b   | -                    | -
+        6    | start         | -                    | -
+        7    | again a       | -                    | a timeout again
         """,
     )
 
@@ -301,7 +301,7 @@ def test_an_answer_that_could_not_leave_is_still_owed() -> None:
         "command",
         """
         at_s | observe                    | say           | why
-        0    | order a riddle             | a unsupported | unknown kind of order
+        0    | order a dance              | a unsupported | unknown kind of order
         1    | published a failure=nolink | -             | -
         2    | start                      | a unsupported | unknown kind of order
         3    | again a body=evil          | a rejected    | command_id reuse: another body under the same id
@@ -322,7 +322,7 @@ def test_results_are_kept_for_their_time() -> None:
         0      | order a point life=1000 | a intended    | look 1,1        | all gates passed
         6      | time                    | a timeout     | a timeout       | no outcome within the order's life
         19.999 | again a                 | -             | a timeout again | no outcome within the order's life
-        20     | order b riddle          | b unsupported | b unsupported   | unknown kind of order
+        20     | order b dance           | b unsupported | b unsupported   | unknown kind of order
         21     | answered a 0            | -             | -               | -
         22     | again a                 | a rejected    | a rejected      | stale: a newer order came first
         """,
@@ -337,10 +337,10 @@ def test_an_undecided_order_is_never_forgotten() -> None:
     check_chart(
         "command",
         """
-        at_s | observe        | state         | say           | why
-        0    | order a point  | a intended    | look 1,1      | all gates passed
-        5    | order b riddle | b unsupported | b unsupported | unknown kind of order
-        6    | answered a 0   | a accepted    | a accepted    | COMMAND_ACK: MAV_RESULT_ACCEPTED
+        at_s | observe       | state         | say           | why
+        0    | order a point | a intended    | look 1,1      | all gates passed
+        5    | order b dance | b unsupported | b unsupported | unknown kind of order
+        6    | answered a 0  | a accepted    | a accepted    | COMMAND_ACK: MAV_RESULT_ACCEPTED
         """,
         dedup_keep_ms=1_000,
     )

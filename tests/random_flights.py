@@ -1,0 +1,115 @@
+"""Flights by chance, for properties that hold for all of them: what Hypothesis draws is interpreted as observations.
+
+Draws are small numbers, so that a failing flight shrinks to a few lines. Nothing here checks anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from google.protobuf.message import Message
+from hypothesis import strategies as st
+
+from events.schema.eyes_pb2 import Detection
+from events.schema.flight_pb2 import NodeStarted, RejectedCount, SamplesRejected
+from events.schema.vehicle_pb2 import VehicleLinkChanged
+from events.store.protocol import Appender
+from tests.flights import (
+    Flight,
+    answered,
+    closed,
+    detection,
+    frame,
+    gimbal,
+    judge,
+    limits,
+    malformed,
+    point_at_angles,
+    point_at_place,
+    position,
+    published,
+    release,
+    sent,
+    unanswered,
+)
+
+Draw = tuple[str, int, int, int]  # what, and three numbers that it makes something of
+
+WHO = ("alpha", "bravo", "viewer")
+CLASSES = ("person", "car", "sports ball")
+PAUSES_MS = (20, 150, 4_000, 61_000)
+
+
+def _frame(flight: Flight, one: int, two: int, three: int) -> Message:
+    found = [_thing(one + nth, two) for nth in range(three)]
+    return frame(len(flight.records), *found, camera=1 + one % 2)
+
+
+def _thing(one: int, two: int) -> Detection:
+    return detection(one * 7_000, two * 4_000, CLASSES[one % 3], 3_000 + 900 * two)
+
+
+def _order(_flight: Flight, one: int, two: int, three: int) -> Message:
+    who, roles = WHO[one % 3], ("viewer",) if one % 3 == 2 else ("camera",)
+    name = f"o{two}"
+    kinds = (
+        lambda: point_at_place(name, three * 1000, camera=1 + two % 3, order_seq=two, who=who, send=one, roles=roles),
+        lambda: point_at_angles(name, yaw_cdeg=three * 900, order_seq=two, who=who, send=one, roles=roles),
+        lambda: release(name, order_seq=two, who=who, send=one, roles=roles),
+    )
+    return kinds[three % 3]()
+
+
+def _judge(flight: Flight, one: int, two: int, three: int) -> Message:
+    waiting = flight.surfaced() or ["00000000-0000-8000-8000-000000000000"]
+    poi_id = waiting[three % len(waiting)]
+    return judge(f"j{len(flight.records)}", poi_id, confirmed=one % 2 == 0, order_seq=10 + len(flight.records) + two)
+
+
+def _effect(flight: Flight) -> int:
+    return next((record.seq for record in reversed(flight.records) if record.kind.port == "vehicle"), 0)
+
+
+def _rejected(_flight: Flight, one: int, two: int, _three: int) -> Message:
+    return SamplesRejected(rejected=[RejectedCount(reason=f"reason{one}", count=two + 1)])
+
+
+_MAKE: dict[str, Callable[[Flight, int, int, int], Message]] = {
+    "frame": _frame,
+    "order": _order,
+    "judge": _judge,
+    "sent": lambda flight, _one, _two, _three: sent(_effect(flight)),
+    "answered": lambda flight, one, _two, _three: answered(_effect(flight), (0, 5, 3, 4)[one % 4]),
+    "unanswered": lambda flight, one, _two, _three: unanswered(_effect(flight), attempts=one),
+    "gimbal": lambda flight, one, two, _three: gimbal(-one * 100, two * 100, _effect(flight), one * 30),
+    "position": lambda _flight, one, two, _three: position(one * 1000, two * 1000),
+    "published": lambda flight, one, _two, _three: published(len(flight.records) - 1 - one),
+    "malformed": lambda _flight, one, two, _three: malformed(f"m{one}", WHO[two % 3]),
+    "rejected": _rejected,
+    "link": lambda _flight, one, _two, _three: VehicleLinkChanged(vehicle=1, up=one % 3 > 0),
+    "started": lambda _flight, one, _two, _three: NodeStarted(boot_id="boot", start=2 + one),
+}
+_LIKELY = ("frame", "frame", "frame", "order", "judge", "answered", "gimbal", "wait")
+
+draws: st.SearchStrategy[list[Draw]] = st.lists(
+    st.tuples(
+        st.sampled_from((*_LIKELY, *_MAKE)),
+        st.integers(0, 5),
+        st.integers(0, 5),
+        st.integers(0, 5),
+    ),
+    max_size=40,
+)
+
+
+def fly(drawn: Sequence[Draw], store: Appender | None = None, end: bool = True) -> Flight:
+    """Return the flight that was drawn: the node may look at findings, and asks after two sightings."""
+    bounds = limits(scan_enabled=True, sightings_to_ask=2, frame_rate_floor_mhz=1_000, asks_per_minute=2)
+    flight = Flight(store=store, limits=bounds)
+    for what, one, two, three in drawn:
+        flight.wait(PAUSES_MS[two % 4] if what == "wait" else 30)
+        if what != "wait":
+            flight.tell(_MAKE[what](flight, one, two, three))
+    if end:
+        flight.tell(closed(), 500)
+    return flight
