@@ -201,10 +201,13 @@ def _effect(audit: Audit, record: Record, effect: PointAtPlace | PointAtAngles |
 
 
 def _outcome(audit: Audit, record: Record, outcome: CommandAnswered | CommandUnanswered) -> None:
+    row_seq = audit.effects.get(outcome.effect_seq)
+    if row_seq is None:
+        return
     changes: dict[str, int] = {"attempts": outcome.attempts}
-    if isinstance(outcome, CommandAnswered):
-        changes["mav_result"] = outcome.mav_result
-    _rest_on(audit, audit.effects.get(outcome.effect_seq), record, **changes)
+    if isinstance(outcome, CommandAnswered) and not audit.rows[row_seq].result:
+        changes["mav_result"] = outcome.mav_result  # a late answer is in `seqs`, but it is not what decided
+    _rest_on(audit, row_seq, record, **changes)
 
 
 def _left(audit: Audit, record: Record, about: CommandSent | AckPublished) -> None:

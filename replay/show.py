@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from events import kind_named
+from events import Kind
 from events.store import Reader
 from projections.words import scaled
 from replay.causes import Line, line
 
 
-def show(reader: Reader, start: int = 0, stop: int | None = None, kind: str = "") -> Iterator[str]:
-    """Yield a line for each record with start <= seq < stop, of one kind where it is named.
-
-    Raises UnknownKind for a kind that is none, StoreFailed.
-    """
-    wanted = kind_named(kind).number if kind else None
+def show(reader: Reader, start: int = 0, stop: int | None = None, kind: Kind | None = None) -> Iterator[str]:
+    """Yield a line for each record with start <= seq < stop, of one kind where it is given. Raises StoreFailed."""
     for stored in reader.stored(start, stop):
-        if wanted in (None, stored.kind_number):
+        if kind is None or stored.kind_number == kind.number:
             yield f"{_time(stored.at.flight_ns)} {line_text(line(stored))}"
 
 

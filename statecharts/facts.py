@@ -1,11 +1,13 @@
 """The rows of the state: frozen values, integers in fixed point, each written by `evolve` alone.
 
-Times are nanoseconds of the flight, distances millimetres from the flight's origin.
+Times are nanoseconds of the flight, distances millimetres from the flight's origin. Rows that change with every frame
+are named tuples, which are made several times faster than frozen dataclasses.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from events.schema.common_pb2 import Place
 from events.schema.flight_pb2 import Limits
@@ -21,13 +23,12 @@ def order_key(principal_id: str, command_id: str) -> str:
     return f"{principal_id}/{command_id}"
 
 
-@dataclass(frozen=True, slots=True)
-class Spot:
+class Spot(NamedTuple):
     """A place as the core computes with it."""
 
     east_mm: int
     north_mm: int
-    place: Place = field(compare=False, repr=False)  # as recorded; never changed
+    place: Place  # as recorded; never changed
 
     @classmethod
     def of(cls, place: Place) -> Spot:
@@ -132,8 +133,7 @@ class Vehicle:
     custom_mode: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class MapObject:
+class MapObject(NamedTuple):
     """A thing on the map."""
 
     number: int
@@ -146,8 +146,7 @@ class MapObject:
     muted_by: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Poi:
+class Poi(NamedTuple):
     """A point of interest and how far a person's decision on it got."""
 
     poi_id: str
@@ -177,8 +176,7 @@ class Ignored:
     muted: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Scan:
+class Scan(NamedTuple):
     """What the node itself does with a camera."""
 
     state: str = "zoomed_out"

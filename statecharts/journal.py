@@ -42,11 +42,12 @@ class Journal:
 class Keyed(Generic[K, V]):
     """Frozen rows by key."""
 
-    __slots__ = ("_journal", "_rows")
+    __slots__ = ("_journal", "_rows", "get")
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
         self._rows: dict[K, V] = {}
+        self.get: Callable[[K], V | None] = self._rows.get  # the row or None; the dict's own, for it is asked most
 
     def __getitem__(self, key: K) -> V:
         return self._rows[key]
@@ -56,10 +57,6 @@ class Keyed(Generic[K, V]):
 
     def __len__(self) -> int:
         return len(self._rows)
-
-    def get(self, key: K) -> V | None:
-        """Return the row, or None."""
-        return self._rows.get(key)
 
     def put(self, key: K, row: V) -> None:
         """Set the row of a key."""

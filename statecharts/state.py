@@ -40,6 +40,7 @@ class State:
         "next_seq",
         "nonces",
         "objects",
+        "open_pois",
         "order_seqs",
         "orders",
         "origin",
@@ -70,6 +71,7 @@ class State:
         self.objects: Keyed[int, MapObject] = Keyed(journal)  # object number, from 1
         self.grid: Keyed[tuple[str, int, int], tuple[int, ...]] = Keyed(journal)  # class group, cell east, cell north
         self.pois: Keyed[str, Poi] = Keyed(journal)  # UUID string
+        self.open_pois: Keyed[str, None] = Keyed(journal)  # those of `pois` that are enqueued or surfaced
         self.ignored: Keyed[str, Ignored] = Keyed(journal)  # UUID string of the declined point of interest
         self.surfacings: Single[tuple[int, ...]] = Single(journal, ())  # flight_ns of questions in the last minute
         self.frame: Single[Record | None] = Single(journal, None)  # the newest frame, for what is said about it

@@ -27,7 +27,7 @@ SAYS = {
     "scan": EFFECTS,
     "map": ("sightings_classified",),
     "aim": (),
-    "health": ("step_failed", "send_ack"),
+    "health": ("send_ack",),
 }
 STATES: dict[str, Callable[[State, str], str]] = {
     "command": lambda state, key: state.orders[key].state,
@@ -68,7 +68,7 @@ def seen(story: Story, chart: str, records: Sequence[Record]) -> dict[str, str]:
     messages = [record.message for record in records[1:]]
     moves = [change for change in messages if isinstance(change, Moved) and change.chart == chart]
     acks = [message for message in messages if isinstance(message, SendAck) and "send_ack" in SAYS[chart]]
-    said = [words_of(story, record) for record in records[1:] if record.kind.name in SAYS[chart]]
+    said = [words_of(story, record) for record in records[1:] if record.kind.name in ("step_failed", *SAYS[chart])]
     reasons = [change.because for change in moves] or [ack.detail for ack in acks]
     return {
         "state": ", ".join(f"{instance_words(story, change)} {change.to_state}" for change in moves) or "-",

@@ -83,7 +83,7 @@ _MAKE: dict[str, Callable[[Flight, int, int, int], Message]] = {
     "unanswered": lambda flight, one, _two, _three: unanswered(_effect(flight), attempts=one),
     "gimbal": lambda flight, one, two, _three: gimbal(-one * 100, two * 100, _effect(flight), one * 30),
     "position": lambda _flight, one, two, _three: position(one * 1000, two * 1000),
-    "published": lambda flight, one, _two, _three: published(len(flight.records) - 1 - one),
+    "published": lambda flight, one, _two, _three: published(max(len(flight.records) - 1 - one, 0)),
     "malformed": lambda _flight, one, two, _three: malformed(f"m{one}", WHO[two % 3]),
     "rejected": _rejected,
     "link": lambda _flight, one, _two, _three: VehicleLinkChanged(vehicle=1, up=one % 3 > 0),

@@ -135,12 +135,12 @@ class Story:
         return order
 
     def _effect(self, plain: list[str]) -> int:
-        """Return the seq of the effect that serves an order, of the node's newest own one, or one that never was."""
+        """Return the seq of the effect that serves an order, of the newest, of the newest own one, or of none."""
         if plain[0].isdigit():
             return int(plain[0])
         wanted = {"own": ""}.get(plain[0], plain[0])
         for record in reversed(self.flight.records):
-            if record.kind.name in EFFECTS and short(_effect_order(record)) == wanted:
+            if record.kind.name in EFFECTS and wanted in ("newest", short(_effect_order(record))):
                 return record.seq
         return 1_000_000
 

@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from autopilot.cli.flight import with_flight
+from autopilot.cli.flight import USAGE, with_flight
 from events import read_record
 from events.store import Reader
 from projections.bundle import build
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     """Write a bundle; return the exit code."""
     if args.json and args.out == "-":
         print("autopilot export: --json and OUT - would both use standard output; name a file", file=sys.stderr)
-        return os.EX_USAGE
+        return USAGE
     return with_flight(args.flight, lambda reader: _bundle(reader, args.out, as_json=args.json))
 
 

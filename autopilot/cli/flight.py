@@ -11,6 +11,8 @@ from events import BodyBroken, UnknownKind
 from events.store import Reader, StoreFailed, StoreMissing, read_flight
 from events.store.flights import DATABASE
 
+USAGE = 2  # as argparse has it
+
 
 def folder_of(flight: str) -> Path:
     """Return the folder of a flight that was named by its folder or by the log in it."""

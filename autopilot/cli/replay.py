@@ -11,8 +11,8 @@ from dataclasses import asdict
 from typing import Any
 
 from autopilot.cli.bar import Bar
-from autopilot.cli.flight import with_flight
-from events import UnknownKind
+from autopilot.cli.flight import USAGE, with_flight
+from events import UnknownKind, kind_named
 from events.store import Reader
 from replay.causes import Line, chain, consequences
 from replay.show import line_text, show
@@ -112,9 +112,10 @@ def run_show(args: argparse.Namespace) -> int:
     """Print records; return the exit code."""
     stop = None if args.stop is None else args.stop + 1
     try:
-        return with_flight(args.flight, lambda reader: _print(show(reader, args.start, stop, args.kind)))
+        kind = kind_named(args.kind) if args.kind else None
     except UnknownKind as error:
         return _wrong(str(error))
+    return with_flight(args.flight, lambda reader: _print(show(reader, args.start, stop, kind)))
 
 
 def run_why(args: argparse.Namespace) -> int:
@@ -148,4 +149,4 @@ def _print(lines: Iterable[str]) -> int:
 
 def _wrong(words: str) -> int:
     print(f"autopilot replay: {words}", file=sys.stderr)
-    return os.EX_USAGE
+    return USAGE

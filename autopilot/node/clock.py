@@ -33,17 +33,18 @@ class FlightClock:
     """Gives every observation its moment; flight time starts at 0 and never goes back."""
 
     def __init__(self, clock: Clock, boot: int, last: Moment | None = None) -> None:
-        """Start a flight, or go on after `last`, a record of the same boot."""
+        """Start a flight, or go on after `last`: its time of another boot can't be joined, so none passes between."""
         self._clock = clock
-        self._boot = boot
-        self._offset_ns = clock.mono_ns() if last is None else last.mono_ns - last.flight_ns
+        self.boot = boot
         self._newest_ns = 0 if last is None else last.flight_ns
+        joined = last is not None and last.boot == boot
+        self._offset_ns = (last.mono_ns if last is not None and joined else clock.mono_ns()) - self._newest_ns
 
     def now(self) -> Moment:
         """Return the present moment. The host's clock counts as trusted."""
         mono_ns = self._clock.mono_ns()
         self._newest_ns = max(mono_ns - self._offset_ns, self._newest_ns)
-        return Moment(self._newest_ns, mono_ns, self._boot, self._clock.wall_ns(), CLOCK_TRUSTED)
+        return Moment(self._newest_ns, mono_ns, self.boot, self._clock.wall_ns(), CLOCK_TRUSTED)
 
     def peek_ns(self) -> int:
         """Return the flight time without giving it to a record. From any thread."""

@@ -84,7 +84,7 @@ class Daemon:
         await _first(ready.wait(), over.wait())
         if ready.is_set():
             await self._serve(loop, edges, over)
-        return _exit_code(loop)
+        return _exit_code(loop, edges.eyes.refusal)
 
     def _opened(self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Event) -> None:
         self._board.follow(session)
@@ -114,13 +114,14 @@ class Daemon:
             await projecting.finish()
 
     async def _input_ended(self, edges: Edges) -> None:
-        """Wait for the end of the input where the configuration says to stop then, else for ever."""
+        """Wait for the end of the input where that is the end: as configured, or because it can never begin."""
         await edges.eyes.ended.wait()
-        if not self._ends_with_input(edges):
+        if not self._ends_with_input(edges) and edges.eyes.refusal is None:
             await asyncio.Event().wait()
 
     def _ends_with_input(self, edges: Edges) -> bool:
-        return edges.eyes.ended.is_set() and self._config.eyes.at_end == "stop"
+        ended = edges.eyes.ended.is_set() and edges.eyes.refusal is None
+        return ended and self._config.eyes.at_end == "stop"
 
     def _is_well(self, loop: NodeLoop) -> bool:
         return loop.is_alive() and self._clock.mono_ns() - loop.turned_ns < UNWELL_AFTER_NS
@@ -167,11 +168,13 @@ def _call(asyncio_loop: asyncio.AbstractEventLoop, call: Callable[[], object]) -
         asyncio_loop.call_soon_threadsafe(call)
 
 
-def _exit_code(loop: NodeLoop) -> int:
+def _exit_code(loop: NodeLoop, refusal: str | None) -> int:
     if loop.failure is not None:
         return _say(f"the log failed, nothing more is recorded: {loop.failure}", os.EX_IOERR)
     if loop.defect:
         return _say(f"the loop ended by a defect:\n{loop.defect}", os.EX_SOFTWARE)
+    if refusal is not None:
+        return _say(refusal, os.EX_CONFIG)
     return os.EX_OK
 
 

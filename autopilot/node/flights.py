@@ -21,6 +21,7 @@ from events.chain import SECRET_BYTES
 from events.records import NO_CAUSE, Moment, Record, make_record, read_record
 from events.schema import flight_pb2
 from events.schema.state_pb2 import CarriedState
+from events.schema.vehicle_pb2 import VehicleStateReported
 from events.store import Appender, Flight, create_flight, flights_in, open_flight
 from statecharts import LOGIC, State, carry_over, charts_digest, restore, step, steps_of
 
@@ -54,6 +55,7 @@ class Session:
     started: flight_pb2.NodeStarted = field(default_factory=flight_pb2.NodeStarted)
     last: Moment | None = None
     logic: int = LOGIC
+    flown: bool = False  # the vehicle was armed in this flight
     fresh: list[Record] = field(default_factory=list)  # recorded while opening: their effects are still to be performed
 
     def observe(self, observation: Message) -> tuple[Record, ...]:
@@ -112,6 +114,8 @@ class Flights:
             session.due = restore(session.state, recorded)
             _note(session, recorded[0])
             on_records(recorded)
+        if session.last is not None:
+            session.clock = FlightClock(self._clock, self._boot_after(session, session.last), session.last)
         return session
 
     def _why_not_go_on(self, session: Session) -> flight_pb2.CloseReason.ValueType | None:
@@ -124,7 +128,6 @@ class Flights:
 
     def _go_on(self, session: Session, on_records: OnRecords) -> Session:
         assert session.last is not None
-        session.clock = FlightClock(self._clock, session.last.boot, session.last)
         outage_ns = session.clock.now().flight_ns - session.last.flight_ns
         self._record(session, [self._started(session.started.start + 1, outage_ns)], on_records)
         return session
@@ -132,7 +135,7 @@ class Flights:
     def _begin(self, number: int, before: Session | None, on_records: OnRecords) -> Session:
         flight_id = self._random(16)
         flight, store = create_flight(self._root, number, flight_id, self._random(SECRET_BYTES))
-        session = Session(flight, store, State(), FlightClock(self._clock, self._boot_after(before)))
+        session = Session(flight, store, State(), FlightClock(self._clock, before.clock.boot if before else 1))
         carried = CarriedState()
         if before is not None and before.last is not None:
             carried = carry_over(before.state, before.last.flight_ns)
@@ -142,10 +145,9 @@ class Flights:
             before.store.close()
         return session
 
-    def _boot_after(self, before: Session | None) -> int:
-        if before is None or before.last is None:
-            return 1
-        return before.last.boot + (before.started.boot_id != self._identity.boot_id)
+    def _boot_after(self, session: Session, last: Moment) -> int:
+        """Return the number of the present boot, which is the one after the log's where the kernel says so."""
+        return last.boot + (session.started.boot_id != self._identity.boot_id)
 
     def _started(self, start: int, outage_ns: int) -> flight_pb2.NodeStarted:
         return flight_pb2.NodeStarted(boot_id=self._identity.boot_id, start=start, outage_ns=outage_ns)
@@ -189,3 +191,5 @@ def _note(session: Session, observation: Record) -> None:
             session.logic = observation.message.logic
         case flight_pb2.FlightClosed():
             session.closed = True
+        case VehicleStateReported(armed=True):
+            session.flown = True

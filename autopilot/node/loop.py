@@ -22,12 +22,17 @@ from autopilot.ports.edges import Clock
 from events.kinds import Role
 from events.records import Record
 from events.schema import flight_pb2
+from events.schema.orders_pb2 import AckPublished
+from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered
 from events.store import StoreFailed
 
 # A batch is at most this long, so that an order behind it does not wait for a whole queue.
 BATCH_MOST = 64
 # With nothing to do the loop still looks up this often, to let the log's WAL go into the database.
 IDLE_S = 1.0
+# Adapters say these only when they change, so a flight that begins in the same process is told the newest of each.
+_STANDING = ("vehicle_link_changed", "vehicle_state_reported", "eyes_changed")
+_MAV_IN_PROGRESS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +72,8 @@ class NodeLoop(threading.Thread):
         self._pending: list[Record] = []
         self._commit_by_ns = 0
         self._disarmed_at_ns: int | None = None
+        self._awaited: set[int] = set()  # effects handed over whose outcome is still to come
+        self._standing: dict[tuple[str, int], Message] = {}
         self.turned_ns = clock.mono_ns()  # when the loop last went round: whether the node is well
         self.failure: StoreFailed | None = None
         self.defect: str = ""
@@ -95,6 +102,7 @@ class NodeLoop(threading.Thread):
         for record in session.fresh:
             self._hand_over(record)
         session.fresh.clear()
+        self._watch_arming(session)
         return session
 
     def _turn(self, session: Session) -> Session:
@@ -103,6 +111,7 @@ class NodeLoop(threading.Thread):
         self._observe(session, batch)
         if not batch and not self._pending:
             session.store.idle()
+            self._inbox.refuse_orders(False)  # the disk had time to recover; where it did not, the next commit says so
         return self._follow_if_over(session)
 
     def _observe(self, session: Session, batch: list[Message]) -> None:
@@ -130,13 +139,25 @@ class NodeLoop(threading.Thread):
         self._inbox.refuse_orders(took_ns > self._limits.commit_stall_s * 1e9)
         durable, self._pending = tuple(self._pending), []
         for record in durable:
+            self._note(record)
             self._hand_over(record)
         self._on_records(durable)
         self._watch_arming(session)
 
     def _hand_over(self, record: Record) -> None:
         if record.kind.role is Role.EFFECT:
+            self._awaited.add(record.seq)
             self._perform(record)
+
+    def _note(self, record: Record) -> None:
+        """Note what is awaited no longer, and what the next flight will have to be told."""
+        match record.message:
+            case AckPublished(effect_seq=seq) | CommandUnanswered(effect_seq=seq):
+                self._awaited.discard(seq)
+            case CommandAnswered(effect_seq=seq, mav_result=result) if result != _MAV_IN_PROGRESS:
+                self._awaited.discard(seq)
+            case message if record.kind.name in _STANDING:
+                self._standing[record.kind.name, message.vehicle] = message  # type: ignore[attr-defined]
 
     def _wait_s(self, session: Session) -> float:
         waits = [IDLE_S]
@@ -148,22 +169,23 @@ class NodeLoop(threading.Thread):
 
     def _watch_arming(self, session: Session) -> None:
         """Note when the vehicle, armed before in this flight, was seen disarmed."""
-        now_ns = self._clock.mono_ns()
-        armed = any(vehicle.armed for vehicle in session.state.vehicles.values())
-        if armed:
-            self._disarmed_at_ns = -1
-        elif self._disarmed_at_ns == -1:
-            self._disarmed_at_ns = now_ns
+        if any(vehicle.armed for vehicle in session.state.vehicles.values()):
+            session.flown, self._disarmed_at_ns = True, None
+        elif session.flown and self._disarmed_at_ns is None:
+            self._disarmed_at_ns = self._clock.mono_ns()
 
     def _follow_if_over(self, session: Session) -> Session:
         disarmed_ns = self._disarmed_at_ns
-        if disarmed_ns is None or disarmed_ns < 0 or self._clock.mono_ns() - disarmed_ns < self._close_after_ns:
+        if disarmed_ns is None or self._clock.mono_ns() - disarmed_ns < self._close_after_ns:
             return session
-        if _awaits_outcomes(session):
-            return session
+        if self._awaited:
+            return session  # seqs of one flight mean nothing in the next
         self._end(session, flight_pb2.CLOSE_DISARMED)
         self._disarmed_at_ns = None
-        return self._open(self._flights.follow(session, self._on_records))
+        following = self._open(self._flights.follow(session, self._on_records))
+        for observation in self._standing.values():
+            self._add(following, observation)
+        return following
 
     def _finish(self, session: Session, stop: Stop) -> None:
         while batch := self._inbox.take(0, BATCH_MOST):
@@ -181,8 +203,3 @@ class NodeLoop(threading.Thread):
     def _commit_rest(self, session: Session) -> None:
         if self._pending:
             self._commit(session)
-
-
-def _awaits_outcomes(session: Session) -> bool:
-    """Whether an effect's outcome is still to come: seqs of one flight mean nothing in the next."""
-    return bool(len(session.state.owed_acks)) or any(not effect.done for effect in session.state.effects.values())

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import sqlite3
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from projections.store import Projector
-
 from autopilot.node.board import Board
-from events.store import StoreFailed, read_flight
+from events.store import read_flight
+from projections.store import Projector
 
 # How often the rows follow the log: `autopilot status` is at most this old.
 EVERY_S = 1.0
@@ -22,6 +23,7 @@ class Projecting:
         self._path = path
         self._board = board
         self._projector: Projector | None = None
+        self._trouble = ""
         # One thread: SQLite connections stay on the thread that made them.
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="projections")
 
@@ -38,9 +40,16 @@ class Projecting:
 
     def _catch_up(self) -> None:
         try:
-            reader = read_flight(self._board.session.flight.folder)
-        except (StoreFailed, FileNotFoundError):
-            return
+            self._fold()
+            self._trouble = ""
+        except (OSError, sqlite3.Error) as error:
+            if str(error) != self._trouble:
+                self._trouble = str(error)
+                print(f"autopilot: the projections are behind: {self._path}: {error}", file=sys.stderr, flush=True)
+
+    def _fold(self) -> None:
+        """Fold what is new. Raises OSError (StoreFailed too) and sqlite3.Error."""
+        reader = read_flight(self._board.session.flight.folder)
         try:
             if self._projector is None:
                 self._projector = Projector(self._path)

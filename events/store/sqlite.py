@@ -132,7 +132,8 @@ class SqliteStore:
             raise ValueError(f"a record does not fit its columns: {error}") from error
         except (apsw.Error, OSError) as error:
             self._broken = True
-            raise StoreFailed(f"the log could not be written: {error}") from error
+            first = error.__context__ or error  # a full disk ends the transaction, and rolling it back then fails too
+            raise StoreFailed(f"the log could not be written: {first}") from error
         self.head = Head(self.head.seq + len(rows), self._chain.leaf)
         if self._wal_pages >= LOADED_PAGES:
             self._checkpoint()

@@ -12,8 +12,7 @@ Candidates come from an integer grid of `same_object_mm` cells: nine cells hold 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from google.protobuf.message import Message
 
@@ -75,12 +74,12 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
 def _nearest(state: State, group: str, spot: Spot, taken: dict[int, None]) -> tuple[int, int] | None:
     """Return distance in millimetres and number of the nearest free object, or None."""
     limit_mm = state.flight.limits.same_object_mm
-    best: tuple[int, int] | None = None
+    objects, limit, best = state.objects, limit_mm * limit_mm, None
     for number in _candidates(state, group, spot, limit_mm):
-        there = state.objects[number].spot
+        there = objects[number].spot
         east, north = there.east_mm - spot.east_mm, there.north_mm - spot.north_mm
         square = east * east + north * north
-        if number not in taken and square <= limit_mm * limit_mm and (best is None or (square, number) < best):
+        if square <= limit and number not in taken and (best is None or (square, number) < best):
             best = (square, number)
     return None if best is None else (_root(best[0]), best[1])
 
@@ -99,11 +98,14 @@ def _cell(spot: Spot, size_mm: int) -> tuple[int, int]:
     return spot.east_mm // size_mm, spot.north_mm // size_mm
 
 
-def _candidates(state: State, group: str, spot: Spot, size_mm: int) -> Iterator[int]:
+def _candidates(state: State, group: str, spot: Spot, size_mm: int) -> list[int]:
     east, north = _cell(spot, size_mm)
+    found: list[int] = []
+    get = state.grid.get
     for cell_east in (east - 1, east, east + 1):
         for cell_north in (north - 1, north, north + 1):
-            yield from state.grid.get((group, cell_east, cell_north)) or ()
+            found.extend(get((group, cell_east, cell_north)) or ())
+    return found
 
 
 def place_object(state: State, thing: MapObject) -> None:
@@ -140,7 +142,7 @@ def _apply(state: State, record: Record) -> None:
             confidence = detection.confidence_e4
             thing = MapObject(sighting.object, detection.class_name, sighting.class_group, spot, confidence, 1)
         else:
-            thing = replace(before, spot=spot, confidence_e4=detection.confidence_e4, sightings=before.sightings + 1)
+            thing = before._replace(spot=spot, confidence_e4=detection.confidence_e4, sightings=before.sightings + 1)
         place_object(state, thing)
 
 

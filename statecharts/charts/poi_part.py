@@ -119,9 +119,11 @@ def _surface(state: State, now_ns: int, ended: tuple[str, ...]) -> tuple[Message
     """Put as many waiting questions to the operator as the minute still allows, the surest and oldest first."""
     recent = sum(1 for at_ns in state.surfacings.value if at_ns > now_ns - MINUTE_NS)
     room = state.flight.limits.asks_per_minute - recent
-    waiting = [poi for poi in state.pois.values() if poi.state == "enqueued" and poi.poi_id not in ended]
+    if room <= 0:
+        return ()
+    waiting = [poi for poi in _open_pois(state) if poi.state == "enqueued" and poi.poi_id not in ended]
     waiting.sort(key=lambda poi: (-poi.confidence_e4, poi.opened_ns, poi.poi_id))
-    return tuple(move for poi in waiting[: max(room, 0)] for move in _fire(state, poi.poi_id, "may_ask"))
+    return tuple(move for poi in waiting[:room] for move in _fire(state, poi.poi_id, "may_ask"))
 
 
 def _judged(state: State, change: Moved) -> tuple[Message, ...]:
@@ -143,6 +145,11 @@ def _judged(state: State, change: Moved) -> tuple[Message, ...]:
         and other.spot.within(poi.spot, state.flight.limits.same_poi_mm)
     ]
     return (*moves, ignored, *(move for other in alike for move in _fire(state, other.poi_id, "muted")))
+
+
+def _open_pois(state: State) -> Iterator[Poi]:
+    """Yield the questions that have not ended: a long flight has many that have."""
+    return (state.pois[poi_id] for poi_id, _ in state.open_pois.items())
 
 
 def _fire(state: State, poi_id: str, trigger: str, facts: Facts | None = None) -> tuple[Message, ...]:
@@ -169,7 +176,8 @@ def _open(state: State, record: Record) -> None:
         sightings=thing.sightings,
     )
     state.pois.put(poi_id, poi)
-    state.objects.put(opened.object, replace(thing, poi_id=poi_id))
+    state.open_pois.put(poi_id, None)
+    state.objects.put(opened.object, thing._replace(poi_id=poi_id))
     state.deadlines.put((CHART.name, poi_id), now_ns + state.flight.limits.queue_longest_ms * NS_PER_MS)
     _wait_for_room(state, now_ns)
 
@@ -177,13 +185,13 @@ def _open(state: State, record: Record) -> None:
 def _join(state: State, record: Record) -> None:
     joined = record.message
     assert isinstance(joined, PoiJoined)
-    state.objects.put(joined.object, replace(state.objects[joined.object], poi_id=joined.poi_id))
+    state.objects.put(joined.object, state.objects[joined.object]._replace(poi_id=joined.poi_id))
 
 
 def _mute(state: State, record: Record) -> None:
     muted = record.message
     assert isinstance(muted, SightingMuted)
-    state.objects.put(muted.object, replace(state.objects[muted.object], muted_by=muted.poi_id))
+    state.objects.put(muted.object, state.objects[muted.object]._replace(muted_by=muted.poi_id))
     _count_muted(state, muted.poi_id)
 
 
@@ -204,7 +212,7 @@ def _count(state: State, record: Record) -> None:
         if thing.muted_by:
             _count_muted(state, thing.muted_by)
         elif poi is not None:
-            state.pois.put(poi.poi_id, replace(poi, sightings=poi.sightings + 1))
+            state.pois.put(poi.poi_id, poi._replace(sightings=poi.sightings + 1))
 
 
 def _ignore(state: State, record: Record) -> None:
@@ -222,19 +230,20 @@ def _apply_move(state: State, record: Record) -> None:
     poi, now_ns = state.pois[change.instance], record.at.flight_ns
     if change.to_state == "surfaced":
         decide_by_ns = now_ns + _window_ns(state, poi.confidence_e4)
-        state.pois.put(poi.poi_id, replace(poi, state="surfaced", decide_by_ns=decide_by_ns))
+        state.pois.put(poi.poi_id, poi._replace(state="surfaced", decide_by_ns=decide_by_ns))
         state.deadlines.put((CHART.name, poi.poi_id), decide_by_ns)
         recent = tuple(at_ns for at_ns in state.surfacings.value if at_ns > now_ns - MINUTE_NS)
         state.surfacings.set((*recent, now_ns))
     else:
-        state.pois.put(poi.poi_id, replace(poi, state=change.to_state, ended_ns=now_ns))
+        state.pois.put(poi.poi_id, poi._replace(state=change.to_state, ended_ns=now_ns))
+        state.open_pois.drop(poi.poi_id)
         state.deadlines.drop((CHART.name, poi.poi_id))
     _wait_for_room(state, now_ns)
 
 
 def _wait_for_room(state: State, now_ns: int) -> None:
     """While questions wait, keep the deadline at which the minute has room for one: now, if it has."""
-    if not any(poi.state == "enqueued" for poi in state.pois.values()):
+    if not any(poi.state == "enqueued" for poi in _open_pois(state)):
         state.deadlines.drop((CHART.name, QUEUE))
         return
     recent = [at_ns for at_ns in state.surfacings.value if at_ns > now_ns - MINUTE_NS]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from google.protobuf.message import Message
 
 from events.records import Record
@@ -39,9 +37,10 @@ def _fire(state: State, key: str, trigger: str) -> tuple[Message, ...]:
     if camera is None:
         return ()
     limits, scan = state.flight.limits, state.scans.get(key) or Scan()
-    candidate = _candidate(state, key)
+    enabled = limits.scan_enabled and camera.gimbal > 0
+    candidate = _candidate(state, key) if enabled and camera.state == "automatic" else None
     facts = Facts(
-        enabled=limits.scan_enabled and camera.gimbal > 0,
+        enabled=enabled,
         candidate=candidate is not None,
         camera=camera.state,
         rate_mhz=_rate_mhz(scan, limits.frame_rate_floor_mhz),
@@ -71,8 +70,8 @@ def _candidate(state: State, key: str) -> Poi | None:
     """Return the oldest question about this camera's sightings that was not looked at yet."""
     waiting = [
         poi
-        for poi in state.pois.values()
-        if poi.state in ("enqueued", "surfaced") and not poi.looked and fitting_key(poi.vehicle, poi.camera) == key
+        for poi in (state.pois[poi_id] for poi_id, _ in state.open_pois.items())
+        if not poi.looked and fitting_key(poi.vehicle, poi.camera) == key
     ]
     return min(waiting, key=lambda poi: (poi.opened_ns, poi.poi_id), default=None)
 
@@ -90,7 +89,7 @@ def _frame(state: State, record: Record) -> None:
     assert isinstance(frame, FrameObserved)
     key = fitting_key(frame.vehicle, frame.camera)
     scan = state.scans.get(key) or Scan()
-    state.scans.put(key, replace(scan, captures=(*scan.captures[1 - RATE_FRAMES :], frame.captured_ns)))
+    state.scans.put(key, scan._replace(captures=(*scan.captures[1 - RATE_FRAMES :], frame.captured_ns)))
 
 
 def _look(state: State, record: Record) -> None:
@@ -100,8 +99,8 @@ def _look(state: State, record: Record) -> None:
     if poi is None:
         return
     key = fitting_key(asked.vehicle, asked.camera)
-    state.pois.put(poi.poi_id, replace(poi, looked=True))
-    state.scans.put(key, replace(state.scans.get(key) or Scan(), poi_id=poi.poi_id))
+    state.pois.put(poi.poi_id, poi._replace(looked=True))
+    state.scans.put(key, (state.scans.get(key) or Scan())._replace(poi_id=poi.poi_id))
     state.deadlines.put((CHART.name, key), record.at.flight_ns + state.flight.limits.look_ms * NS_PER_MS)
 
 
@@ -111,7 +110,7 @@ def _apply_move(state: State, record: Record) -> None:
     if change.chart != CHART.name:
         return
     scan = state.scans.get(change.instance) or Scan()
-    state.scans.put(change.instance, replace(scan, state=change.to_state, poi_id=""))
+    state.scans.put(change.instance, scan._replace(state=change.to_state, poi_id=""))
     if change.to_state != "zoomed_in":
         state.deadlines.drop((CHART.name, change.instance))
 

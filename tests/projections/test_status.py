@@ -36,7 +36,7 @@ def folded(flight: Flight) -> Status:
 
 
 def check_agrees(picture: Picture, state: State) -> None:
-    """Check all that the status and the core's state both know; carried orders, which have no callsign, do not count."""
+    """Check all that the status and the core both know; carried orders, which have no callsign, do not count."""
     cameras = {
         key: (one.state, one.principal_id, one.callsign, one.command_id, one.until_ns)
         for key, one in state.cameras.items()

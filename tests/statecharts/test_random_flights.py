@@ -19,13 +19,15 @@ from tests.monitors import complaints
 from tests.stories import Story
 
 NAMES = st.sampled_from("abcd")
+GOOD = st.sampled_from(["", " by=bravo"])
 POIS = st.sampled_from(["p1", "p2", "p3"])
 WHO = st.sampled_from(
     ["", " by=bravo", " by=bravo roles=viewer", " roles=", " target=x", " life=0", " seq=1", " nonce=n"]
 )
+JUDGE = st.sampled_from(["confirm", "decline"])
 VERBS = st.one_of(
     st.sampled_from(["point", "turn", "release", "point camera=2", "point at=null", "dance"]),
-    st.builds("{} {}".format, st.sampled_from(["confirm", "decline"]), POIS),
+    st.builds("{} {}".format, JUDGE, POIS),
 )
 THINGS = st.builds(
     "{}@{},{}:{}".format,
@@ -34,20 +36,44 @@ THINGS = st.builds(
     st.integers(-1, 1).map(lambda number: number * 7),
     st.sampled_from([39, 40, 70, 100]),
 )
+OUTCOMES = st.sampled_from(
+    [*(f"answered newest {result}" for result in (0, 0, 0, 2, 3, 5)), "unanswered newest silence", "sent newest"]
+)
 WORDS = st.one_of(
+    OUTCOMES,
+    OUTCOMES,
+    OUTCOMES,
     st.builds("order {} {}{}".format, NAMES, VERBS, WHO),
+    st.builds("order {} {}{}".format, st.text("efghijkl", min_size=2, max_size=4), VERBS, GOOD),
+    st.builds("order {} {} {}".format, st.text("efghijkl", min_size=2, max_size=4), JUDGE, POIS),
     st.builds("again {}".format, NAMES),
     st.builds("again {} body=evil".format, NAMES),
-    st.builds("sent {}".format, NAMES),
-    st.builds("answered {} {}".format, st.sampled_from([*"abcd", "own", "3"]), st.sampled_from([0, 0, 2, 3, 5])),
-    st.builds("unanswered {} {}".format, st.sampled_from([*"abcd", "own"]), st.sampled_from(["silence", "superseded"])),
+    st.builds("sent {}".format, st.sampled_from(["newest", "newest", "newest", *"abcd"])),
+    st.builds(
+        "answered {} {}".format,
+        st.sampled_from(["newest", "newest", "newest", *"abcd", "own", "3"]),
+        st.sampled_from([0, 0, 2, 3, 5]),
+    ),
+    st.builds(
+        "unanswered {} {}".format,
+        st.sampled_from(["newest", "newest", "newest", *"abcd", "own"]),
+        st.sampled_from(["silence", "superseded"]),
+    ),
     st.builds("published {}{}".format, NAMES, st.sampled_from(["", " failure=x"])),
-    st.builds("gimbal {} error={}".format, st.sampled_from([*"abcd", "own"]), st.sampled_from([0, 100, 101])),
+    st.builds(
+        "gimbal {} error={}".format,
+        st.sampled_from(["newest", "newest", "newest", *"abcd", "own"]),
+        st.sampled_from([0, 100, 101]),
+    ),
     st.lists(THINGS, max_size=4).map(lambda things: " ".join(["frame", *things])),
     st.lists(THINGS, max_size=4).map(lambda things: " ".join(["frame", *things])),
     st.sampled_from(["vehicle down", "vehicle up", "vehicle up", "start", "malformed e", "malformed a"]),
 )
-STEPS = st.lists(st.tuples(st.sampled_from([0, 1, 50, 500, 3_000, 15_000, 40_000, 200_000]), WORDS), max_size=30)
+STEPS = st.lists(
+    st.tuples(st.sampled_from([0, 0, 0, 1, 50, 50, 500, 500, 3_000, 15_000, 40_000, 200_000]), WORDS),
+    min_size=10,
+    max_size=40,
+)
 LIMITS = {"sightings_to_ask": 1, "asks_per_minute": 2, "scan_enabled": True, "frame_rate_floor_mhz": 200}
 
 

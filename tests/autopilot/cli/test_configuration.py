@@ -149,6 +149,19 @@ def test_config_d_lies_over_it_in_order(tmp_path: Path) -> None:
         load(str(tmp_path / "c.toml"), {})
 
 
+def test_config_d_is_read_in_the_order_of_names(tmp_path: Path) -> None:
+    """Whatever order the folder lists them in, the last name wins, and every step of the way up to it."""
+    (tmp_path / "c.toml").write_text(NODE)
+    (tmp_path / "config.d").mkdir()
+    names = [f"{(7 * number) % 40:02}" for number in range(40)]
+    for last in sorted(names, reverse=True):
+        for name in names:
+            (tmp_path / "config.d" / f"{name}.toml").write_text(f"[mesh]\nsamples_burst = {int(name) + 1}\n")
+        assert load(str(tmp_path / "c.toml"), {}).mesh.samples_burst == int(last) + 1
+        (tmp_path / "config.d" / f"{last}.toml").unlink()
+        names.remove(last)
+
+
 def check_lines(text: str, expected: dict[str, int]) -> None:
     """Say on which line each key stands."""
     assert {".".join(key): line for key, line in lines_of(text).items()} == expected

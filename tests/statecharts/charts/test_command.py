@@ -235,6 +235,7 @@ def test_a_refused_order_uses_up_its_number() -> None:
         at_s | observe                    | state          | say            | why
         0    | order a point seq=7 roles= | a unauthorised | a unauthorised | role not permitted
         0    | order b point seq=6        | b rejected     | b rejected     | stale: a newer order came first
+        0    | order e point seq=7        | e rejected     | e rejected     | stale: a newer order came first
         0    | order c point seq=8        | c intended     | look 1,1       | all gates passed
         0    | order d point seq=8        | d rejected     | d rejected     | stale: a newer order came first
         """,
@@ -322,9 +323,9 @@ def test_results_are_kept_for_their_time() -> None:
         0      | order a point life=1000 | a intended    | look 1,1        | all gates passed
         6      | time                    | a timeout     | a timeout       | no outcome within the order's life
         19.999 | again a                 | -             | a timeout again | no outcome within the order's life
-        20     | order b dance           | b unsupported | b unsupported   | unknown kind of order
-        21     | answered a 0            | -             | -               | -
-        22     | again a                 | a rejected    | a rejected      | stale: a newer order came first
+        30     | order b dance           | b unsupported | b unsupported   | unknown kind of order
+        31     | answered a 0            | -             | -               | -
+        32     | again a                 | a rejected    | a rejected      | stale: a newer order came first
         """,
         dedup_keep_ms=20_000,
         arrival_patience_ms=1_000_000,
@@ -339,11 +340,33 @@ def test_an_undecided_order_is_never_forgotten() -> None:
         """
         at_s | observe       | state         | say           | why
         0    | order a point | a intended    | look 1,1      | all gates passed
-        5    | order b dance | b unsupported | b unsupported | unknown kind of order
-        6    | answered a 0  | a accepted    | a accepted    | COMMAND_ACK: MAV_RESULT_ACCEPTED
+        11   | order b dance | b unsupported | b unsupported | unknown kind of order
+        12   | answered a 0  | a accepted    | a accepted    | COMMAND_ACK: MAV_RESULT_ACCEPTED
+        23   | order c dance | c unsupported | c unsupported | unknown kind of order
         """,
-        dedup_keep_ms=1_000,
+        story := Story(dedup_keep_ms=1_000, arrival_patience_ms=1_000_000),
     )
+    check_equal([order.command_id for order in story.flight.state.orders.values()], ["c"])
+
+
+def test_an_order_that_is_in_progress_is_still_heard_after_the_next() -> None:
+    """Only effects whose outcome is in are forgotten; what an effect may take is what is left of the order's life."""
+    story = check_chart(
+        "command",
+        """
+        at_s | observe                 | state         | say         | why
+        0    | order a point life=7654 | a intended    | look 1,1    | all gates passed
+        1    | answered a 5            | a in_progress | -           | the vehicle is at it
+        2    | order b turn life=4321  | b intended    | turn -30,90 | all gates passed
+        3    | answered a 0            | a accepted    | a accepted  | COMMAND_ACK: MAV_RESULT_ACCEPTED
+        3    | unanswered b no answer  | b timeout     | b timeout   | no answer from the vehicle: no answer
+        4    | order c release         | c intended    | let go      | all gates passed
+        """,
+    )
+    check_equal([effect.order for effect in story.flight.state.effects.values()], ["alpha/c"])
+    effects = [record.message for record in story.flight.records if record.kind.port == "vehicle"]
+    check_equal([effect.life_ms for effect in effects], [7_654, 4_321, 15_000])  # type: ignore[attr-defined]
+    check_equal({(effect.vehicle, effect.camera, effect.gimbal) for effect in effects}, {(1, 1, 1)})  # type: ignore[attr-defined]
 
 
 def test_outcomes_of_nothing_are_nothing() -> None:

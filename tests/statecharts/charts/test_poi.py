@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from statecharts.facts import Spot
@@ -78,7 +76,7 @@ def test_waiting_questions_like_a_declined_one_are_suppressed() -> None:
     pois = story.flight.state.pois
     for name in story.pois[1:]:  # as if they had been opened beside the first one
         poi = pois[name]
-        pois.put(name, replace(poi, spot=Spot(15_000, 0, poi.spot.place)))
+        pois.put(name, poi._replace(spot=Spot(15_000, 0, poi.spot.place)))
     check_chart(
         "poi",
         """

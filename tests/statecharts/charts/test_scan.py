@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
+from statecharts.charts.scan import Facts, may_look
 from tests.checks import check_chart, check_equal
 from tests.flights import NS_PER_MS
 from tests.stories import Story
@@ -149,3 +152,10 @@ def test_it_finds_the_camera_free_after_safe_mode() -> None:
         """,
         story,
     )
+
+
+@pytest.mark.parametrize("camera", ["operator", "released"])
+def test_a_held_camera_closes_the_guard_by_itself(camera: str) -> None:
+    """Whatever state the scan is in: the guard does not rely on it."""
+    check_equal(may_look(Facts(enabled=True, candidate=True, camera=camera)), False)
+    check_equal(may_look(Facts(enabled=True, candidate=True, camera="automatic")), True)

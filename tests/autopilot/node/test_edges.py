@@ -1,0 +1,182 @@
+"""What joins the loop to its surroundings: one daemon a folder, what adapters learn of the log, status, projections."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import cast
+
+import pytest
+from google.protobuf.message import Message
+
+from autopilot.adapters.mesh import MeshAdapter
+from autopilot.geo import Origin
+from autopilot.node.board import Board
+from autopilot.node.edges import Edges, resume, set_origin
+from autopilot.node.lock import FolderLock, FolderTaken
+from autopilot.node.projecting import Projecting
+from autopilot.node.upkeep import report_rejections
+from autopilot.ports.config import Config
+from autopilot.ports.edges import InputClass
+from events.schema.flight_pb2 import RejectedCount, SamplesRejected
+from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind
+from tests.flights import answered, point_at_place, sent
+
+_HOLD = "import sys; from pathlib import Path; from autopilot.node.lock import FolderLock\n"
+_HOLD += "with FolderLock(Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"
+
+
+class Mesh:
+    """A mesh adapter as far as the node's joints touch it."""
+
+    def __init__(self) -> None:
+        self.window: list[tuple[bytes, bytes, int]] = []
+        self.performed: list[int] = []
+        self.rejections = {"token_sig": 3, "size": 1}
+
+    def restore_window(self, nonces: Iterable[tuple[bytes, bytes, int]]) -> None:
+        self.window = list(nonces)
+
+    def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
+        self.performed.append(seq)
+
+    def take_rejections(self) -> dict[str, int]:
+        taken, self.rejections = self.rejections, {}
+        return taken
+
+
+def edges(mesh: Mesh) -> Edges:
+    """Return edges with a mesh only."""
+    return Edges(cast(MeshAdapter, mesh), None, None)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Node:
+    return Node(tmp_path / "flights", FakeClock(), monkeypatch).start()
+
+
+def test_one_daemon_a_folder(tmp_path: Path) -> None:
+    """A second one is refused, and the kernel forgets a dead one."""
+    holder = subprocess.Popen(
+        [sys.executable, "-c", _HOLD, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    with pytest.raises(FolderTaken, match="stop it first"), FolderLock(tmp_path):
+        pass
+    holder.kill()
+    holder.communicate()
+    with FolderLock(tmp_path):
+        pass
+
+
+def test_a_start_gives_the_adapters_what_the_log_remembers(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The origin, and every nonce with what is left of its life: a replay is one also after a restart."""
+    node.tell(*heard_vehicle())
+    first, second = point_at_place("a1"), point_at_place("a2", order_seq=2)
+    node.tell(first, input_class=InputClass.ORDER, after_ms=50)
+    node.tell(answered(node.performed[-1].seq))
+    node.tell(second, input_class=InputClass.ORDER, after_ms=4_950)
+    node.kill()
+    node.clock.pass_ms(10_000)
+    again = Node(node.root, node.clock, monkeypatch).start()
+    mesh, origin = Mesh(), Origin()
+    resume(config(), again.session, edges(mesh), again.inbox, origin)
+    assert origin.frame is not None
+    kept = {nonce: left_ms for _, nonce, left_ms in mesh.window}
+    assert kept == {first.nonce: 45_000 - 14_950 + 1, second.nonce: 45_000 - 10_000 + 1}
+    assert again.inbox.take(0, 9) == []  # the origin is known already and is not set again
+
+
+def test_a_configured_origin_is_recorded_once(node: Node) -> None:
+    """From [flight] origin; else from where a fixed camera stands."""
+    origin = Origin()
+    resume(config(flight={"origin": [47.1, 8.2, 400.0]}), node.session, edges(Mesh()), node.inbox, origin)
+    set_origin(origin, node.inbox, (1.0, 2.0, 3.0), "first fix")
+    node.turn()
+    node.turn(after_ms=200)
+    (set_once,) = of_kind(node.log(), "origin_set")
+    assert (set_once.place.latitude_e7, set_once.source) == (471_000_000, "configured")
+
+
+def test_a_fixed_camera_stands_at_the_origin(node: Node) -> None:
+    """Where nobody says otherwise."""
+    pose = {"latitude_deg": 47.5, "longitude_deg": 8.0, "altitude_m": 410.0, "height_m": 6.0, "pitch_deg": -20.0}
+    settings: Config = config(eyes={"pose": pose})
+    resume(settings, node.session, edges(Mesh()), node.inbox, Origin())
+    node.turn()
+    node.turn(after_ms=200)
+    assert [one.place.latitude_e7 for one in of_kind(node.log(), "origin_set")] == [475_000_000]
+
+
+def test_effects_go_to_their_port(node: Node) -> None:
+    """And those of a port that is not there to nobody."""
+    node.tell(*heard_vehicle())
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER)
+    node.tell(sent(node.performed[-1].seq), answered(node.performed[-1].seq))
+    mesh = Mesh()
+    for record in node.performed:
+        edges(mesh).perform(record)
+    assert mesh.performed == [record.seq for record in node.performed if record.kind.name == "send_ack"]
+    assert len(node.performed) > len(mesh.performed) > 0
+
+
+def test_what_the_gate_dropped_is_recorded_as_counts(node: Node) -> None:
+    """Once, sorted, and nothing when nothing was dropped."""
+    mesh = Mesh()
+    report_rejections(edges(mesh), node.inbox)
+    report_rejections(edges(mesh), node.inbox)
+    node.turn()
+    node.turn(after_ms=200)
+    counts = [RejectedCount(reason="size", count=1), RejectedCount(reason="token_sig", count=3)]
+    assert list(of_kind(node.log(), "samples_rejected")) == [SamplesRejected(rejected=counts)]
+
+
+def test_the_board_says_what_the_log_says(node: Node) -> None:
+    """Who holds the camera, and for how much longer."""
+    board = Board(lambda: 1_790_000_000_123)
+    with pytest.raises(LookupError):
+        _ = board.session
+    node.tell(*heard_vehicle())
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER)
+    board.follow(node.session)
+    board.hear(tuple(node.heard))
+    node.clock.pass_ms(1_500)
+    said = board.node_status()
+    assert (said.at_ms, said.armed, said.vehicle_link, said.health) == (1_790_000_000_123, True, True, "normal")
+    (camera,) = said.cameras
+    assert (camera.callsign, camera.state, camera.held_for_ms) == ("ALPHA", "operator", 58_500)
+    assert said.head_seq == node.session.store.head.seq
+
+
+@pytest.mark.parametrize("block", ["folder", "garbage"])
+def test_projections_wait_for_better_times(node: Node, tmp_path: Path, block: str) -> None:
+    """They are disposable: where they can't be written the node goes on, and they come back by themselves."""
+    path = tmp_path / "projections.db"
+    if block == "folder":
+        path.mkdir()
+    else:
+        path.write_bytes(b"no database" * 100)
+    board = Board(lambda: 0)
+    board.follow(node.session)
+    projecting = Projecting(path, board)
+
+    async def run() -> bool:
+        task = asyncio.create_task(projecting.run())
+        await asyncio.sleep(0)  # the task has handed its first round to the thread; the next to go there waits for it
+        await asyncio.get_running_loop().run_in_executor(projecting._thread, int)
+        await asyncio.sleep(0)
+        dead = task.done()
+        if block == "folder":
+            path.rmdir()
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        await projecting.finish()
+        return dead
+
+    assert not asyncio.run(run())
+    assert path.is_file()
+    assert path.read_bytes().startswith(b"SQLite format 3")

@@ -1,0 +1,95 @@
+"""The inbox: bounded by class, what overflows is counted or refused, orders first."""
+
+from __future__ import annotations
+
+import threading
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from autopilot.node.inbox import Inbox
+from autopilot.ports.config import LimitsSection
+from autopilot.ports.edges import InputClass
+from events.schema.flight_pb2 import InputsDropped
+
+BOUNDS = {InputClass.ORDER: 3, InputClass.OUTCOME: 4, InputClass.TELEMETRY: 2, InputClass.FRAME: 3}
+ORDER_OF_TAKING = [InputClass.ORDER, InputClass.OUTCOME, InputClass.TELEMETRY, InputClass.FRAME]
+DROPS = (InputClass.TELEMETRY, InputClass.FRAME)
+
+steps = st.one_of(
+    st.tuples(st.just("offer"), st.sampled_from(list(InputClass))),
+    st.tuples(st.just("take"), st.integers(min_value=1, max_value=6)),
+    st.tuples(st.just("dropped"), st.none()),
+    st.tuples(st.just("refuse"), st.booleans()),
+)
+
+
+def inbox() -> Inbox:
+    """Return an inbox with small bounds."""
+    return Inbox(LimitsSection(inbox_orders=3, inbox_outcomes=4, inbox_telemetry=2, inbox_frames=3))
+
+
+def numbered(number: int) -> InputsDropped:
+    """Return an observation that can be told from others."""
+    return InputsDropped(count=number)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(steps, max_size=60))
+def test_every_class_keeps_its_bound_and_its_way_of_overflowing(script: list[tuple[str, object]]) -> None:
+    """Beside a plain model of four lists, the inbox gives the same answers, whatever is done to it."""
+    box, refuses = inbox(), False
+    model: dict[InputClass, list[int]] = {each: [] for each in InputClass}
+    dropped = dict.fromkeys(DROPS, 0)
+    for number, (what, value) in enumerate(script):
+        if what == "refuse":
+            refuses = bool(value)
+            box.refuse_orders(refuses)
+        elif what == "dropped":
+            assert box.take_dropped() == {each: count for each, count in dropped.items() if count}
+            dropped = dict.fromkeys(DROPS, 0)
+        elif what == "take":
+            assert isinstance(value, int)
+            waiting = [(each, one) for each in ORDER_OF_TAKING for one in model[each]]
+            for each, one in waiting[:value]:
+                model[each].remove(one)
+            taken = [one.count for one in box.take(0, value) if isinstance(one, InputsDropped)]
+            assert taken == [one for _, one in waiting[:value]]
+        else:
+            assert isinstance(value, InputClass)
+            full = len(model[value]) == BOUNDS[value]
+            refused = (value is InputClass.ORDER and refuses) or (full and value not in DROPS)
+            assert box.offer(value, numbered(number)) is not refused
+            if not refused:
+                if full:
+                    model[value].pop(0)
+                    dropped[value] += 1
+                model[value].append(number)
+        assert [len(model[each]) <= BOUNDS[each] for each in InputClass] == [True] * 4
+
+
+def test_a_source_that_can_wait_sees_whether_there_is_room() -> None:
+    """Less than half of a class is taken."""
+    box = inbox()
+    assert box.has_room(InputClass.FRAME)
+    box.offer(InputClass.FRAME, numbered(1))
+    assert box.has_room(InputClass.FRAME)
+    box.offer(InputClass.FRAME, numbered(2))
+    assert not box.has_room(InputClass.FRAME)
+    assert box.has_room(InputClass.ORDER)
+
+
+def test_a_waiting_take_returns_for_an_offer_and_for_a_wake() -> None:
+    """The loop sleeps in `take`; both must end it, and nothing is lost that came before it slept."""
+    box, seen = inbox(), list[int]()
+
+    def wait() -> None:
+        seen.append(len(box.take(20, 8)))
+        seen.append(len(box.take(20, 8)))
+
+    waiter = threading.Thread(target=wait)
+    box.offer(InputClass.FRAME, numbered(1))
+    waiter.start()
+    box.wake()
+    waiter.join(10)
+    assert (waiter.is_alive(), sum(seen)) == (False, 1)

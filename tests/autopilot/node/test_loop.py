@@ -1,0 +1,209 @@
+"""The loop: write, then act; what is committed when; timers as observations; a slow disk and a dead one."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from autopilot.node.daemon import _exit_code
+from autopilot.node.loop import Stop
+from autopilot.ports.edges import InputClass
+from events.schema.flight_pb2 import CLOSE_STOPPED, InputsDropped
+from events.schema.vehicle_pb2 import GimbalReported
+from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind
+from tests.flights import answered, frame, gimbal, point_at_place, published, received, sent
+
+
+@pytest.fixture
+def node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Node:
+    """Return a node that records and hears its vehicle."""
+    node = Node(tmp_path, FakeClock(), monkeypatch).start()
+    node.tell(*heard_vehicle())
+    node.turn(after_ms=200)
+    return node
+
+
+def check_written_before_performed(node: Node) -> None:
+    """Check that every effect was handed over once, and only after the append that holds it had returned."""
+    durable = -1
+    performed = []
+    for line in node.disk.happened:
+        what, _, numbers = line.partition(" ")
+        if what == "append":
+            durable = int(numbers.partition("-")[2])
+        else:
+            assert int(numbers) <= durable, node.disk.happened
+            performed.append(int(numbers))
+    effects = [record.seq for record in node.log() if record.kind.port]
+    assert performed == effects
+
+
+def appends(node: Node) -> int:
+    """Return how often was written."""
+    return node.disk.appends
+
+
+def test_an_order_is_durable_and_then_performed(node: Node) -> None:
+    """SYNC and effect: at once, before anything leaves."""
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER)
+    assert node.kinds().count("point_at_place") == 1
+    assert [record.kind.name for record in node.performed] == ["point_at_place"]
+    check_written_before_performed(node)
+
+
+def test_a_group_of_orders_is_one_commit(node: Node) -> None:
+    """Orders that wait together are written together; each is still performed by itself."""
+    before = appends(node)
+    orders = [point_at_place(f"a{number}", who=f"who{number}") for number in range(5)]
+    node.tell(*orders, input_class=InputClass.ORDER)
+    assert appends(node) == before + 1
+    assert len(node.performed) == 5
+    check_written_before_performed(node)
+
+
+def test_what_is_not_urgent_is_durable_within_the_group_time(node: Node) -> None:
+    """Telemetry waits for others, at most commit_within_ms; the loop wakes up for it."""
+    before = appends(node)
+    node.tell(gimbal(0, 0), input_class=InputClass.TELEMETRY)
+    node.tell(gimbal(100, 0), input_class=InputClass.TELEMETRY, after_ms=60)
+    assert appends(node) == before
+    node.turn(after_ms=30)
+    assert node.inbox.wanted_s == pytest.approx(0.01)
+    assert appends(node) == before
+    node.turn(after_ms=10)
+    assert appends(node) == before + 1
+    assert [type(record.message) for record in node.log()[-2:]] == [GimbalReported] * 2
+
+
+def test_what_waits_goes_with_an_order(node: Node) -> None:
+    """An urgent record takes everything before it along: order is by seq."""
+    before = appends(node)
+    node.tell(gimbal(0, 0), input_class=InputClass.TELEMETRY)
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER, after_ms=1)
+    assert appends(node) == before + 1
+    kinds = node.kinds()
+    assert kinds.index("gimbal_reported") < kinds.index("order_received")
+
+
+def test_what_was_dropped_is_an_observation(node: Node) -> None:
+    """Frames overflow by dropping the oldest; how many is in the log."""
+    bound = config().limits.inbox_frames
+    for number in range(bound + 7):
+        assert node.inbox.offer(InputClass.FRAME, frame(number))
+    node.turn()
+    node.turn(after_ms=200)
+    assert list(of_kind(node.log(), "inputs_dropped")) == [InputsDropped(input_class="frame", count=7)]
+    assert [one.frame_seq for one in of_kind(node.log(), "frame_observed")] == list(range(7, bound + 7))
+    node.turn(after_ms=200)
+    assert node.kinds().count("inputs_dropped") == 1
+
+
+def test_a_deadline_that_passes_is_one_observation(node: Node) -> None:
+    """The loop sleeps exactly until the core's deadline and says so once."""
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER)
+    node.tell(sent(node.performed[-1].seq), answered(node.performed[-1].seq))
+    node.turn(after_ms=200)
+    due = node.session.due
+    assert due is not None
+    left_ms = node.session.clock.seconds_until(due) * 1000
+    node.turn(after_ms=left_ms - 500)
+    assert node.inbox.wanted_s == pytest.approx(0.5)
+    assert "time_passed" not in node.kinds()
+    node.turn(after_ms=500)
+    node.turn(after_ms=200)
+    assert node.kinds().count("time_passed") == 1
+    passed = next(record for record in node.log() if record.kind.name == "time_passed")
+    assert passed.at.flight_ns >= due
+
+
+def test_a_disk_that_fails_ends_the_loop_and_nothing_of_it_is_performed(node: Node) -> None:
+    """No effect leaves before its record is durable; a process whose write failed once writes no more."""
+    node.disk.fails_at = node.disk.appends
+    node.inbox.offer(InputClass.ORDER, point_at_place("a1"))
+    node.loop._flights = _Opened(node)  # type: ignore[assignment]
+    node.loop.run()
+    assert node.loop.failure is not None
+    assert (node.ended, node.performed) == (True, [])
+    assert "order_received" not in node.kinds()
+    assert _exit_code(node.loop, None) == os.EX_IOERR
+
+
+class _Opened:
+    """Flights of a node that has one open already."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+
+    def open(self, _on_records: object) -> object:
+        """Return the open session."""
+        return self._node.session
+
+
+def test_a_defect_ends_the_loop_with_its_traceback(node: Node, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not a silent thread."""
+
+    def broken(_record: object) -> None:
+        raise RuntimeError("broken for a test")
+
+    node.loop._perform = broken
+    node.inbox.offer(InputClass.ORDER, point_at_place("a1"))
+    node.loop._flights = _Opened(node)  # type: ignore[assignment]
+    node.loop.run()
+    assert (node.ended, node.loop.failure) == (True, None)
+    assert _exit_code(node.loop, None) == os.EX_SOFTWARE
+    assert "broken for a test" in capsys.readouterr().err
+
+
+def check_stalled(node: Node) -> None:
+    """Check that a slow commit closes the door for orders, and for orders only."""
+    node.disk.takes_ms = 2_100
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER)
+    node.disk.takes_ms = 5
+    assert not node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
+    assert node.inbox.offer(InputClass.OUTCOME, sent(node.performed[-1].seq))
+
+
+def test_a_stalled_disk_refuses_orders_until_a_commit_is_quick_again(node: Node) -> None:
+    """The next commit tells whether the disk has recovered."""
+    check_stalled(node)
+    node.turn(after_ms=10)
+    assert not node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
+    node.turn(after_ms=200)
+    assert node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
+
+
+def test_a_node_that_has_nothing_to_write_takes_orders_again(node: Node) -> None:
+    """Without telemetry there is no next commit: a quiet second opens the door, or no order ever came again."""
+    check_stalled(node)
+    node.inbox.take(0, 8)
+    node.turn(after_ms=1000)
+    assert node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
+
+
+def test_stop_records_what_waits_and_closes_on_the_ground(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the inbox holds is in the log before its end."""
+    node = Node(tmp_path, FakeClock(), monkeypatch)
+    node.loop.stop(Stop(CLOSE_STOPPED))
+    for number in range(100):
+        node.inbox.offer(InputClass.TELEMETRY, gimbal(number, 0))
+    node.loop.run()
+    assert node.kinds()[-1] == "flight_closed"
+    assert node.kinds().count("gimbal_reported") == 100
+    assert (node.ended, node.loop.failure, node.loop.defect) == (True, None, "")
+
+
+def test_an_answer_is_sealed_only_when_it_is_durable(node: Node) -> None:
+    """Refusals too: what people are told must still be true after a restart."""
+    node.tell(received("u1"), input_class=InputClass.ORDER)
+    assert [record.kind.name for record in node.performed] == ["send_ack"]
+    check_written_before_performed(node)
+    node.tell(published(node.performed[-1].seq))
+
+
+def test_the_loop_says_when_it_last_went_round(node: Node) -> None:
+    """The vehicle's heartbeat depends on it."""
+    before = node.loop.turned_ns
+    node.turn(after_ms=700)
+    assert node.loop.turned_ns == before + 700_000_000

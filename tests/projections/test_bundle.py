@@ -1,0 +1,111 @@
+"""The post-flight bundle: the seed's fields, exact numbers, and the same bytes every time."""
+
+from __future__ import annotations
+
+import json
+from decimal import Decimal
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+
+from events.schema.flight_pb2 import TimePassed
+from events.store import MemoryStore
+from projections.bundle import build
+from projections.canonical import json_text
+from tests.flights import FLIGHT_ID, SECRET, Flight, detection, frame, read_back, story
+from tests.random_flights import Draw, draws, fly
+
+MAP_OBJECT = {  # seed 004, MapObject
+    *("h3_cell", "mgrs_key", "class", "class_group", "gps_lat", "gps_lon", "size_width_m", "size_length_m"),
+    *("confidence", "first_seen", "last_seen", "mission_id", "source", "pending_upload"),
+}
+OBSERVATION = {  # seed 004, MapObjectObservation
+    *("id", "h3_cell", "class", "class_group", "mission_id", "uav_id", "observed_at_monotonic_ns"),
+    *("observed_at_wallclock", "gps_lat", "gps_lon", "mgrs", "size_width_m", "size_length_m", "confidence"),
+    *("diff_kind", "photo_ref", "raw_evidence"),
+}
+IGNORED_ITEM = {  # seed 004, IgnoredItem
+    *("id", "mgrs", "h3_cell", "class_group", "decline_time", "operator_id", "mission_id", "retention_scope"),
+    *("expires_at", "source", "pending_upload"),
+}
+
+
+def bundle_of(flight: Flight) -> dict[str, Any]:
+    """Return the bundle as whoever reads the JSON sees it, with exact decimals."""
+    read: dict[str, Any] = json.loads(json_text(build(flight.records)), parse_float=Decimal)
+    return read
+
+
+def check_fields(rows: list[dict[str, Any]], wanted: set[str], count: int) -> None:
+    """Check that there are so many rows and each has the seed's fields."""
+    assert [sorted(wanted - set(row)) for row in rows] == [[]] * count
+
+
+def test_it_has_the_fields_of_the_seed() -> None:
+    """MapObjectsBundle and what is in it."""
+    bundle = bundle_of(story())
+    assert (bundle["schema_version"], bundle["mission_id"]) == ("1.0.0", "")
+    check_fields(bundle["map_objects"], MAP_OBJECT, 2)
+    check_fields(bundle["observations"], OBSERVATION, 3)
+    check_fields(bundle["ignored_items"], IGNORED_ITEM, 1)
+    assert bundle["as_of"] == "2026-09-21T14:15:43.427Z"
+
+
+def test_numbers_are_exact() -> None:
+    """Degrees, metres and shares as the log has them, not as a float comes near them."""
+    flight = Flight()
+    seen = detection(12_345, 54_321, confidence_e4=6_543)
+    seen.width_mm = 1_001
+    flight.tell(frame(1, seen))
+    (row,) = bundle_of(flight)["map_objects"]
+    assert row["gps_lat"] * 10**7 == seen.place.latitude_e7
+    assert row["gps_lon"] * 10**7 == seen.place.longitude_e7
+    assert (row["confidence"], row["size_width_m"], row["size_length_m"]) == (Decimal("0.6543"), Decimal("1.001"), None)
+    assert row["h3_cell"] == seen.place.h3_cell
+
+
+def test_the_box_holds_what_was_seen() -> None:
+    """North-west first; none where nothing was seen."""
+    flight = Flight()
+    assert bundle_of(flight)["bbox"] is None
+    west, east = detection(-50_000, 10_000), detection(70_000, -20_000)
+    flight.tell(frame(1, west, east))
+    north_west, south_east = bundle_of(flight)["bbox"]
+    assert north_west["latitude"] * 10**7 == west.place.latitude_e7
+    assert north_west["longitude"] * 10**7 == west.place.longitude_e7
+    assert south_east["latitude"] * 10**7 == east.place.latitude_e7
+    assert south_east["longitude"] * 10**7 == east.place.longitude_e7
+
+
+def test_the_summary_counts_every_answer_and_state() -> None:
+    """Also those that did not occur."""
+    flight = bundle_of(story())["flight"]
+    assert flight["orders"] == {"accepted": 3, "rejected": 1, "timeout": 2, "unsupported": 2, "unauthorised": 1}
+    assert sorted(flight["pois"]) == [
+        *("confirmed", "declined", "enqueued", "expired", "suppressed", "surfaced", "withdrawn")
+    ]
+    assert (flight["records"], flight["open"]) == (116, False)
+
+
+def test_audit_and_findings_are_in_it() -> None:
+    """With the records that they rest on."""
+    bundle = bundle_of(story())
+    assert [row["command_id"] for row in bundle["audit"] if row["what"] == "malformed"] == ["m1"]
+    assert [row["judged_callsign"] for row in bundle["pois"]] == ["ALPHA", "ALPHA"]
+    assert [row["seqs"][0] for row in bundle["audit"]] == [row["seq"] for row in bundle["audit"]]
+
+
+@settings(max_examples=25, deadline=None)
+@given(draws)
+def test_it_is_the_same_bytes_every_time(drawn: list[Draw]) -> None:
+    """From the records as they were made, and as they are read back."""
+    store = MemoryStore(FLIGHT_ID, SECRET)
+    flight = fly(drawn, store)
+    assert json_text(build(flight.records)) == json_text(build(read_back(store)))
+
+
+def test_a_log_without_a_manifest_gives_none() -> None:
+    """There is nothing to say whose it is."""
+    with pytest.raises(LookupError, match="no manifest"):
+        build(Flight(TimePassed()).records)
