@@ -205,7 +205,7 @@ def _classified(objects: Objects, record: Record, classified: SightingsClassifie
         detection = frame.detections[sighting.detection]
         _sight(objects, record, sighting, detection)
         kept_ns = objects.kept_ns.get(sighting.object)
-        if sighting.diff == NEW or kept_ns is None or record.at.flight_ns - kept_ns >= KEEP_EVERY_NS:
+        if kept_ns is None or record.at.flight_ns - kept_ns >= KEEP_EVERY_NS:
             objects.kept_ns[sighting.object] = record.at.flight_ns
             row = _observation(objects, record, index, sighting, detection, frame.frame_seq)
             objects.observations.put(row.id, row)

@@ -173,10 +173,8 @@ def _open(path: Path) -> Database:
     try:
         return _prepared(path)
     except sqlite3.DatabaseError as error:
-        if isinstance(
-            error, sqlite3.OperationalError
-        ):  # locked, no room, not permitted: nothing is wrong with the file
-            raise
+        if isinstance(error, sqlite3.OperationalError):
+            raise  # locked, no room, not permitted: nothing is wrong with the file
         for name in (path.name, f"{path.name}-wal", f"{path.name}-shm"):
             path.with_name(name).unlink(missing_ok=True)
         return _prepared(path)

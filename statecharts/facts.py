@@ -1,7 +1,7 @@
 """The rows of the state: frozen values, integers in fixed point, each written by `evolve` alone.
 
-Times are nanoseconds of the flight, distances millimetres from the flight's origin. Rows that change with every frame
-are named tuples, which are made several times faster than frozen dataclasses.
+Times are nanoseconds of the flight, distances millimetres from the flight's origin. Rows that records
+change are named tuples, which are made several times faster than frozen dataclasses.
 """
 
 from __future__ import annotations
@@ -67,8 +67,7 @@ class Arrival:
     newest_seq: int  # the device's highest before this one
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
+class Order(NamedTuple):
     """An order and how far it got."""
 
     principal_id: str
@@ -90,8 +89,7 @@ class Order:
     mav_result: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Effect:
+class Effect(NamedTuple):
     """A command to the vehicle whose outcome is awaited."""
 
     order: str  # order key; "" for the node's own wish
@@ -99,8 +97,7 @@ class Effect:
     done: bool = False  # its outcome is in
 
 
-@dataclass(frozen=True, slots=True)
-class Camera:
+class Camera(NamedTuple):
     """Who is the camera's master."""
 
     vehicle: int
@@ -113,8 +110,7 @@ class Camera:
     until_ns: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Aim:
+class Aim(NamedTuple):
     """What a gimbal was asked and whether it got there."""
 
     state: str = "idle"
@@ -124,8 +120,7 @@ class Aim:
     error_cdeg: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Vehicle:
+class Vehicle(NamedTuple):
     """What the vehicle reports, as far as decisions read it."""
 
     link: bool = False
@@ -165,8 +160,7 @@ class Poi(NamedTuple):
     looked: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Ignored:
+class Ignored(NamedTuple):
     """A muted place."""
 
     poi_id: str

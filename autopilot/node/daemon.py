@@ -27,7 +27,7 @@ from autopilot.node.limits import configuration_message
 from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.loop import NodeLoop, Stop
 from autopilot.node.projecting import Projecting
-from autopilot.node.upkeep import publish_status, record_rejections, report_rejections
+from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
 from autopilot.ports.config import Config
 from autopilot.trust.identity import Identity, IdentityError, load_identity
 from autopilot.trust.keys import SecretFileError
@@ -94,9 +94,10 @@ class Daemon:
         """Run the adapters around a loop that records, and end both."""
         resume(self._config, self._board.session, edges, self._inbox, self._origin)
         projecting = Projecting(Path(self._config.node.projections), self._board)
+        rejections = Rejections(edges)
         tasks = [
             asyncio.create_task(publish_status(self._config.mesh, edges, self._board)),
-            asyncio.create_task(record_rejections(edges, self._inbox)),
+            asyncio.create_task(record_rejections(rejections, self._inbox)),
             asyncio.create_task(projecting.run()),
         ]
         try:
@@ -105,7 +106,7 @@ class Daemon:
             await _first(_signalled(), self._input_ended(edges), over.wait())
         finally:
             await edges.stop()
-            report_rejections(edges, self._inbox)
+            report_rejections(rejections, self._inbox)
             loop.stop(Stop(CLOSE_INPUT_ENDED if self._ends_with_input(edges) else CLOSE_STOPPED))
             await over.wait()
             for task in tasks:

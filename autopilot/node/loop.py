@@ -9,6 +9,7 @@ process, for a write that failed once can't be believed the second time.
 from __future__ import annotations
 
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -141,6 +142,7 @@ class NodeLoop(threading.Thread):
         for record in durable:
             self._note(record)
             self._hand_over(record)
+        time.sleep(0)  # lets go of the interpreter: whoever performs goes before the fold
         self._on_records(durable)
         self._watch_arming(session)
 

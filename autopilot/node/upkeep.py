@@ -1,8 +1,9 @@
-"""What the daemon does by the clock and nobody ordered: status on the mesh, and what the gate dropped into the log."""
+"""What the daemon does by the clock and nobody ordered: status on the mesh, and what was not taken into the log."""
 
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 
 from autopilot.node.board import Board
 from autopilot.node.edges import Edges
@@ -31,16 +32,35 @@ async def publish_status(settings: MeshSection, edges: Edges, board: Board) -> N
         await board.changed(settings.status_period_s - CHANGES_APART_S)
 
 
-async def record_rejections(edges: Edges, inbox: Inbox) -> None:
-    """Record what the gate dropped, in aggregate."""
+class Rejections:
+    """What the adapters rejected, told once: the gate's reasons as they are, others behind their adapter's name."""
+
+    def __init__(self, edges: Edges) -> None:
+        self._edges = edges
+        self._told: Counter[str] = Counter()
+
+    def fresh(self) -> dict[str, int]:
+        """Return what was rejected since the last call by reason, sorted, none of them 0."""
+        edges = self._edges
+        vehicle = edges.vehicle.rejected if edges.vehicle is not None else {}
+        totals = Counter({f"vehicle: {reason}": count for reason, count in vehicle.items()})
+        totals.update({f"eyes: {reason}": count for reason, count in edges.eyes.rejected.items()})
+        fresh, self._told = totals - self._told, totals
+        if edges.mesh is not None:
+            fresh.update(edges.mesh.take_rejections())
+        return dict(sorted(fresh.items()))
+
+
+async def record_rejections(rejections: Rejections, inbox: Inbox) -> None:
+    """Record what was rejected, in aggregate."""
     while True:
         await asyncio.sleep(REJECTIONS_EVERY_S)
-        report_rejections(edges, inbox)
+        report_rejections(rejections, inbox)
 
 
-def report_rejections(edges: Edges, inbox: Inbox) -> None:
-    """Offer one record of what was dropped since the last one; none when nothing was."""
-    rejected = edges.mesh.take_rejections() if edges.mesh is not None else {}
+def report_rejections(rejections: Rejections, inbox: Inbox) -> None:
+    """Offer one record of what was rejected since the last one; none when nothing was."""
+    rejected = rejections.fresh()
     if rejected:
-        counts = [RejectedCount(reason=reason, count=count) for reason, count in sorted(rejected.items())]
+        counts = [RejectedCount(reason=reason, count=count) for reason, count in rejected.items()]
         inbox.offer(InputClass.OUTCOME, SamplesRejected(rejected=counts))

@@ -8,7 +8,7 @@ has missed. A newer effect starts over. It must never call an accepted command a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from google.protobuf.message import Message
 
@@ -129,7 +129,7 @@ def _ask(state: State, record: Record) -> None:
     effect = record.message
     assert isinstance(effect, PointAtPlace | PointAtAngles)
     state.aims.put(
-        key, replace(before, effect_seq=record.seq, order=effect.order, asked_ns=record.at.flight_ns, error_cdeg=None)
+        key, before._replace(effect_seq=record.seq, order=effect.order, asked_ns=record.at.flight_ns, error_cdeg=None)
     )
     patience_ms = state.flight.limits.arrival_patience_ms
     state.deadlines.put((CHART.name, key), record.at.flight_ns + patience_ms * NS_PER_MS)
@@ -137,7 +137,7 @@ def _ask(state: State, record: Record) -> None:
 
 def _let_go(state: State, record: Record) -> None:
     key = _gimbal(record)
-    state.aims.put(key, replace(state.aims.get(key) or Aim(), effect_seq=-1, order="", error_cdeg=None))
+    state.aims.put(key, (state.aims.get(key) or Aim())._replace(effect_seq=-1, order="", error_cdeg=None))
 
 
 def _measure(state: State, record: Record) -> None:
@@ -146,7 +146,7 @@ def _measure(state: State, record: Record) -> None:
     key = fitting_key(report.vehicle, report.gimbal)
     aim = state.aims.get(key)
     if aim is not None and report.HasField("error_cdeg") and report.effect_seq == aim.effect_seq:
-        state.aims.put(key, replace(aim, error_cdeg=report.error_cdeg))
+        state.aims.put(key, aim._replace(error_cdeg=report.error_cdeg))
 
 
 def _apply_move(state: State, record: Record) -> None:
@@ -155,7 +155,7 @@ def _apply_move(state: State, record: Record) -> None:
     if change.chart != CHART.name:
         return
     aim = state.aims.get(change.instance) or Aim()
-    state.aims.put(change.instance, replace(aim, state=change.to_state))
+    state.aims.put(change.instance, aim._replace(state=change.to_state))
     if change.to_state != "moving":
         state.deadlines.drop((CHART.name, change.instance))
 

@@ -9,7 +9,7 @@ have two masters, and never move the camera itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from google.protobuf.message import Message
 
@@ -101,15 +101,15 @@ def _apply_move(state: State, record: Record) -> None:
         state.deadlines.put((CHART.name, change.instance), until_ns)
     before = state.cameras[change.instance]
     bare = Camera(before.vehicle, before.camera, before.gimbal)
-    state.cameras.put(change.instance, replace(bare, state=change.to_state, until_ns=until_ns))
+    state.cameras.put(change.instance, bare._replace(state=change.to_state, until_ns=until_ns))
 
 
 def _apply_taken(state: State, record: Record) -> None:
     taken = record.message
     assert isinstance(taken, CameraTaken)
     key = f"{taken.vehicle}/{taken.camera}"
-    holder = replace(
-        state.cameras[key], principal_id=taken.principal_id, callsign=taken.callsign, command_id=taken.command_id
+    holder = state.cameras[key]._replace(
+        principal_id=taken.principal_id, callsign=taken.callsign, command_id=taken.command_id
     )
     state.cameras.put(key, holder)
 

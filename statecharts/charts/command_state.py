@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from events.records import Record
 from events.schema.common_pb2 import Moved
 from events.schema.orders_pb2 import AckPublished, OrderMalformed, OrderReceived, SendAck
@@ -103,7 +101,7 @@ def _apply_move(state: State, record: Record) -> None:
     if change.from_state == CHART.initial:
         newest = state.order_seqs.get(order.device_key_id) or 0
         state.order_seqs.put(order.device_key_id, max(newest, order.order_seq))
-    state.orders.put(change.instance, replace(order, state=change.to_state, detail=change.because))
+    state.orders.put(change.instance, order._replace(state=change.to_state, detail=change.because))
     if change.to_state in FINAL:
         state.deadlines.drop((CHART.name, change.instance))
     elif change.to_state == "intended":
@@ -125,10 +123,10 @@ def _answered(state: State, record: Record) -> None:
     if effect is None:
         return
     if answer.mav_result != MAV_IN_PROGRESS:
-        state.effects.put(answer.effect_seq, replace(effect, done=True))
+        state.effects.put(answer.effect_seq, effect._replace(done=True))
     order = state.orders.get(effect.order)
     if order is not None and order.state in UNDERWAY:
-        state.orders.put(effect.order, replace(order, mav_result=answer.mav_result))
+        state.orders.put(effect.order, order._replace(mav_result=answer.mav_result))
 
 
 def _unanswered(state: State, record: Record) -> None:
@@ -136,7 +134,7 @@ def _unanswered(state: State, record: Record) -> None:
     assert isinstance(answer, CommandUnanswered)
     effect = state.effects.get(answer.effect_seq)
     if effect is not None:
-        state.effects.put(answer.effect_seq, replace(effect, done=True))
+        state.effects.put(answer.effect_seq, effect._replace(done=True))
 
 
 def _owe_ack(state: State, record: Record) -> None:

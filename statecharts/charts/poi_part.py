@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from google.protobuf.message import Message
 
@@ -197,7 +196,7 @@ def _mute(state: State, record: Record) -> None:
 
 def _count_muted(state: State, poi_id: str) -> None:
     item = state.ignored[poi_id]
-    state.ignored.put(poi_id, replace(item, muted=item.muted + 1))
+    state.ignored.put(poi_id, item._replace(muted=item.muted + 1))
 
 
 def _count(state: State, record: Record) -> None:

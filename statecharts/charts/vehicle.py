@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from events.records import Record
 from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
 from statecharts.facts import Vehicle
@@ -15,14 +13,14 @@ def _reported(state: State, record: Record) -> None:
     report = record.message
     assert isinstance(report, VehicleStateReported)
     before = state.vehicles.get(report.vehicle) or Vehicle()
-    state.vehicles.put(report.vehicle, replace(before, armed=report.armed, custom_mode=report.custom_mode))
+    state.vehicles.put(report.vehicle, before._replace(armed=report.armed, custom_mode=report.custom_mode))
 
 
 def _link(state: State, record: Record) -> None:
     change = record.message
     assert isinstance(change, VehicleLinkChanged)
     before = state.vehicles.get(change.vehicle) or Vehicle()
-    state.vehicles.put(change.vehicle, replace(before, link=change.up))
+    state.vehicles.put(change.vehicle, before._replace(link=change.up))
 
 
 EVOLVE: dict[str, Evolve] = {"vehicle_state_reported": _reported, "vehicle_link_changed": _link}

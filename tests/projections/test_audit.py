@@ -87,6 +87,17 @@ def test_an_order_that_is_underway_has_no_result() -> None:
     check_row(flight, "order", "a", result="timeout", mav_result=None, attempts=3)
 
 
+def test_a_late_answer_is_noted_but_did_not_decide() -> None:
+    """The row rests on it; the raw result is that of the answer that counted, here none."""
+    flight = Flight()
+    flight.tell(point_at_angles("a"))
+    effect = flight.effect()
+    flight.tell(unanswered(effect, attempts=3), 2_000)
+    late = flight.tell(answered(effect, mav_result=4, attempts=3), 500)
+    row = check_row(flight, "order", "a", result="timeout", mav_result=None, attempts=3)
+    assert late[0].seq in row.seqs
+
+
 def test_a_duplicate_is_counted_not_listed() -> None:
     """It was told the stored result; the order is still one."""
     flight = Flight()

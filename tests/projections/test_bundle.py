@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 
-from events.schema.flight_pb2 import TimePassed
+from events.schema.flight_pb2 import BaselineCarried, TimePassed
 from events.store import MemoryStore
 from projections.bundle import build
 from projections.canonical import json_text
-from tests.flights import FLIGHT_ID, SECRET, Flight, detection, frame, read_back, story
+from statecharts import carry_over
+from tests.flights import FLIGHT_ID, SECRET, Flight, detection, frame, opened_well, read_back, story
 from tests.random_flights import Draw, draws, fly
 
 MAP_OBJECT = {  # seed 004, MapObject
@@ -76,6 +77,15 @@ def test_the_box_holds_what_was_seen() -> None:
     assert north_west["longitude"] * 10**7 == west.place.longitude_e7
     assert south_east["latitude"] * 10**7 == east.place.latitude_e7
     assert south_east["longitude"] * 10**7 == east.place.longitude_e7
+
+
+def test_only_mutes_of_this_flight_are_told() -> None:
+    """Carried ones were in the bundle of their own flight; carried objects are told, for they are on the map."""
+    before = story()
+    carried = BaselineCarried(state=carry_over(before.state, before.now_ns))
+    bundle = bundle_of(Flight(*opened_well()[:1], carried, *opened_well()[1:]))
+    assert bundle["ignored_items"] == []
+    assert [(row["first_seen"], row["sightings"]) for row in bundle["map_objects"]] == [(None, 7), (None, 11)]
 
 
 def test_the_summary_counts_every_answer_and_state() -> None:

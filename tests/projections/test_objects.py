@@ -7,13 +7,15 @@ from uuid import UUID
 import pytest
 from hypothesis import given, settings
 
+from events import make_record
+from events.schema.common_pb2 import Moved
 from events.schema.flight_pb2 import BaselineCarried
 from projections import objects as fold
 from projections import pois as pois_fold
 from projections.objects import Objects, observation_id
 from projections.pois import Pois
 from statecharts import carry_over
-from tests.flights import FLIGHT_ID, START_WALL_NS, Flight, detection, frame, judge, opened_well, story
+from tests.flights import FLIGHT_ID, START_WALL_NS, Flight, detection, frame, judge, opened_well, release, story
 from tests.random_flights import Draw, draws, fly
 
 
@@ -153,6 +155,18 @@ def test_a_judgement_has_a_name() -> None:
     rows = {row.poi_id: row for row in pois_of(flight).rows}
     assert (rows[first].state, rows[first].judged_by, rows[first].judged_callsign) == ("confirmed", "alpha", "ALPHA")
     assert (rows[second].state, rows[second].judged_by) == ("expired", "")
+
+
+def test_a_judgement_without_an_order_has_no_name() -> None:
+    """The newest order is not to blame for what it did not cause."""
+    flight = Flight()
+    for number in range(4):
+        flight.tell(frame(number, detection(1_000, 1_000)), 100)
+    (poi_id,) = flight.surfaced()
+    flight.tell(release("r"))
+    moved = Moved(chart="poi", instance=poi_id, from_state="surfaced", to_state="confirmed", because="forged")
+    flight.records.append(make_record(flight.records[-1].seq + 1, 0, flight.moment(), moved))
+    assert [(row.state, row.judged_by) for row in pois_of(flight).rows] == [("confirmed", "")]
 
 
 def test_a_classification_without_its_frame_is_loud() -> None:

@@ -91,6 +91,23 @@ def test_small_transactions_change_nothing(tmp_path: Path, monkeypatch: pytest.M
     check_same(kept(tmp_path / "cut.db", memory(flight)), expected)
 
 
+def test_what_was_kept_is_not_written_again(tmp_path: Path) -> None:
+    """Nor held: observations leave the memory once they are in the database."""
+    projector = Projector(tmp_path / "p.db")
+    projector.catch_up(memory(story()))
+    held = projector._states["objects"]
+    projector.close()
+    assert (held.objects.changed(), held.observations.changed()) == ([], [])
+    assert (len(held.objects), len(held.observations)) == (2, 0)
+
+
+def test_a_place_where_nothing_can_be_made_is_an_error(tmp_path: Path) -> None:
+    """Only what is no database is thrown away."""
+    with pytest.raises(sqlite3.OperationalError, match="unable to open"):
+        Projector(tmp_path)
+    assert tmp_path.is_dir()
+
+
 def test_another_flight_begins_again(tmp_path: Path) -> None:
     """Rows of two flights are never mixed."""
     flight, other = story(), MemoryStore(b"another flight!!", SECRET)

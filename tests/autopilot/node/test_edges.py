@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import cast
@@ -12,16 +13,17 @@ from typing import cast
 import pytest
 from google.protobuf.message import Message
 
+from autopilot.adapters.eyes import Eyes
 from autopilot.adapters.mesh import MeshAdapter
+from autopilot.adapters.vehicle import VehicleLink
 from autopilot.geo import Origin
 from autopilot.node.board import Board
 from autopilot.node.edges import Edges, resume, set_origin
 from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.projecting import Projecting
-from autopilot.node.upkeep import report_rejections
+from autopilot.node.upkeep import Rejections, report_rejections
 from autopilot.ports.config import Config
 from autopilot.ports.edges import InputClass
-from events.schema.flight_pb2 import RejectedCount, SamplesRejected
 from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind
 from tests.flights import answered, point_at_place, sent
 
@@ -48,9 +50,16 @@ class Mesh:
         return taken
 
 
-def edges(mesh: Mesh) -> Edges:
-    """Return edges with a mesh only."""
-    return Edges(cast(MeshAdapter, mesh), None, None)  # type: ignore[arg-type]
+class Counting:
+    """An adapter as far as its counts of rejections go."""
+
+    def __init__(self, **rejected: int) -> None:
+        self.rejected = Counter(rejected)
+
+
+def edges(mesh: Mesh, vehicle: Counting | None = None) -> Edges:
+    """Return edges with a mesh, and perhaps a vehicle."""
+    return Edges(cast(MeshAdapter, mesh), cast(VehicleLink, vehicle), cast(Eyes, Counting(too_many=2)))
 
 
 @pytest.fixture
@@ -124,15 +133,19 @@ def test_effects_go_to_their_port(node: Node) -> None:
     assert len(node.performed) > len(mesh.performed) > 0
 
 
-def test_what_the_gate_dropped_is_recorded_as_counts(node: Node) -> None:
-    """Once, sorted, and nothing when nothing was dropped."""
-    mesh = Mesh()
-    report_rejections(edges(mesh), node.inbox)
-    report_rejections(edges(mesh), node.inbox)
+def test_what_was_rejected_is_recorded_as_counts(node: Node) -> None:
+    """By gate, vehicle and eyes: once, sorted, and nothing when nothing was."""
+    vehicle = Counting(garbage=4)
+    rejections = Rejections(edges(Mesh(), vehicle))
+    report_rejections(rejections, node.inbox)
+    report_rejections(rejections, node.inbox)
+    vehicle.rejected["garbage"] += 5
+    report_rejections(rejections, node.inbox)
     node.turn()
     node.turn(after_ms=200)
-    counts = [RejectedCount(reason="size", count=1), RejectedCount(reason="token_sig", count=3)]
-    assert list(of_kind(node.log(), "samples_rejected")) == [SamplesRejected(rejected=counts)]
+    told = [[(one.reason, one.count) for one in each.rejected] for each in of_kind(node.log(), "samples_rejected")]
+    first = [("eyes: too_many", 2), ("size", 1), ("token_sig", 3), ("vehicle: garbage", 4)]
+    assert told == [first, [("vehicle: garbage", 5)]]
 
 
 def test_the_board_says_what_the_log_says(node: Node) -> None:
