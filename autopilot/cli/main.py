@@ -11,6 +11,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
+from typing import NoReturn
 
 COMMANDS = ("demo", "run", "check", "status", "directory", "order", "replay", "export")
 
@@ -32,7 +33,7 @@ exit codes:
 class _Parser(argparse.ArgumentParser):
     """Says what was probably meant when a command is misspelt."""
 
-    def error(self, message: str) -> None:  # type: ignore[override]  # argparse types it NoReturn: exit() does not return
+    def error(self, message: str) -> NoReturn:
         """Print usage and the message with a suggestion, and exit with 2."""
         wrong = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
         close = difflib.get_close_matches(wrong, COMMANDS, n=1) if wrong not in COMMANDS else []

@@ -56,7 +56,9 @@ class Board:
     async def changed(self, timeout_s: float) -> None:
         """Wait until something that is shown has changed, at most so long."""
         try:
-            await asyncio.wait_for(self._changed.wait(), timeout_s)
+            # Not wait_for: before Python 3.12 it swallows a cancellation that meets the event, and nobody ends.
+            async with asyncio.timeout(timeout_s):
+                await self._changed.wait()
         except TimeoutError:
             return
         finally:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -33,9 +34,11 @@ def main() -> int:
     orders, answers, copies, killed, seed = Counter[str](), 0, 0, 0, arguments.seed
     while killed < arguments.kills:
         kills = min(KILLS_A_FLIGHT, arguments.kills - killed)
-        with tempfile.TemporaryDirectory(prefix="torture-") as folder:
-            flown = fly(Path(folder), seconds=SECONDS, seed=seed, kills=kills, starting=STARTING, land=False)
-            orders += check(flown, ends=0)
+        folder = Path(tempfile.mkdtemp(prefix="torture-"))
+        print(f"seed {seed} flies in {folder}", flush=True)  # where something breaks, it is still there to look at
+        flown = fly(folder, seconds=SECONDS, seed=seed, kills=kills, starting=STARTING, land=False)
+        orders += check(flown, ends=0)
+        shutil.rmtree(folder)
         answers += sum(answer.state == "final" for _, answer in flown.answers)
         copies += sum(flown.at_aircraft.values())
         killed += kills

@@ -66,6 +66,11 @@ class Middle(threading.Thread):
         self._inner.close()
         self._outer.close()
 
+    def say(self, datagram: bytes) -> None:
+        """Say something to the node in the aircraft's name."""
+        assert self._node is not None
+        self._inner.sendto(datagram, self._node)
+
     def run(self) -> None:
         """Pass on until stopped."""
         while not self._over.is_set():

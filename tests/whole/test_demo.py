@@ -95,7 +95,7 @@ def test_it_leaves_files_where_they_belong(demo: tuple[Path, subprocess.Complete
     assert {"directory", "operators", "node"} <= {path.name for path in demo[0].iterdir()}
     assert {"config.toml", "keys", "projections.db", "flights"} <= {path.name for path in node.iterdir()}
     secret = [*(node / "keys").iterdir(), *(demo[0] / "directory").iterdir(), *(demo[0] / "operators").rglob("*")]
-    names = {"device.sign", "device.box", "epoch", "root.key", "token.key", "epoch.key", "revoke.key", "time.key"}
+    names = {"device.sign", "device.box", "root.key", "token.key", "epoch.key", "revoke.key", "time.key"}
     files = [path for path in secret if path.is_file() and (path.name in names or path.suffix in (".key", ".secret"))]
     assert len(files) > 10
     assert [path for path in files if path.stat().st_mode & 0o777 != 0o600] == []

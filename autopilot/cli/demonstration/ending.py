@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -31,7 +32,8 @@ def end(folder: Path, flight: Path, say: Say) -> dict[str, Any]:
     finally:
         reader.close()
     summary = _summary(flight, bundle, replay, out)
-    _tell(folder, summary, records, say)
+    _tell(summary, records, sum(item["muted"] for item in bundle["ignored_items"]), say)
+    _next(folder, flight, records, say)
     return summary
 
 
@@ -57,22 +59,27 @@ def _summary(flight: Path, bundle: dict[str, Any], replay: str, out: Path) -> di
     }
 
 
-def _tell(folder: Path, summary: dict[str, Any], records: list[Record], say: Say) -> None:
+def _tell(summary: dict[str, Any], records: list[Record], muted: int, say: Say) -> None:
     say(
         f"Orders: {_counts(summary['orders'])}. The vehicle was asked at most {_most_effects(records)} time(s) for one."
     )
-    say(f"Findings put together as {_counts(summary['pois'])}; {summary['map_objects']} objects on the map.")
+    say(f"Findings: {_counts(summary['pois'])}; {summary['map_objects']} objects on the map.")
+    say(f"Sightings that stayed quiet because something like them was declined there: {muted}.")
     say(f"Dropped at the gate: {_counts(summary['samples_dropped'])}.")
-    flight = summary["flight"]
-    say(f"{summary['events']} records lie in {flight}, the bundle in {summary['bundle']}.")
+    say(f"{summary['events']} records lie in {summary['flight']}, the bundle in {summary['bundle']}.")
+
+
+def _next(folder: Path, flight: Path, records: list[Record], say: Say) -> None:
+    program = Path(sys.argv[0])
+    program = program.relative_to(Path.cwd()) if program.is_relative_to(Path.cwd()) else program
     say("Try next:")
-    for command in (
-        f"autopilot replay show {flight} --kind moved",
-        f"autopilot replay why {flight} {_first_pointing(records)}",
-        f"autopilot status --projections {folder / 'node' / 'projections.db'}",
-        f"autopilot replay verify {flight}",
+    for words in (
+        f"replay show {flight} --kind moved",
+        f"replay why {flight} {_first_pointing(records)}",
+        f"status --projections {folder / 'node' / 'projections.db'}",
+        f"replay verify {flight}",
     ):
-        say(f"  {command}")
+        say(f"  {program} {words}")
 
 
 def _counts(counts: dict[str, int]) -> str:

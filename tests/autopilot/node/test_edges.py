@@ -165,6 +165,29 @@ def test_the_board_says_what_the_log_says(node: Node) -> None:
     assert said.head_seq == node.session.store.head.seq
 
 
+@pytest.mark.parametrize("rounds", range(5))
+def test_whoever_waits_for_a_change_can_be_stopped_at_any_moment(rounds: int) -> None:
+    """Also in the moment in which something changes: a daemon that ends must not wait for ever."""
+    board = Board(lambda: 0)
+
+    async def watch() -> None:
+        while True:
+            await board.changed(60)
+
+    async def run() -> bool:
+        task = asyncio.create_task(watch())
+        for _ in range(3):
+            await asyncio.sleep(0)
+        board._changed.set()
+        for _ in range(rounds):
+            await asyncio.sleep(0)
+        task.cancel()
+        await asyncio.wait([task], timeout=5)
+        return task.cancelled()
+
+    assert asyncio.run(run())
+
+
 @pytest.mark.parametrize("block", ["folder", "garbage"])
 def test_projections_wait_for_better_times(node: Node, tmp_path: Path, block: str) -> None:
     """They are disposable: where they can't be written the node goes on, and they come back by themselves."""
