@@ -103,7 +103,8 @@ def _carried(picture: Picture, _record: Record, carried: BaselineCarried) -> Pic
 
 
 def _started(picture: Picture, _record: Record, started: NodeStarted) -> Picture:
-    return replace(picture, starts=started.start)
+    silent = {number: replace(vehicle, link=False) for number, vehicle in picture.vehicles.items()}
+    return replace(picture, starts=started.start, vehicles=silent)
 
 
 def _closed(picture: Picture, _record: Record, closed: FlightClosed) -> Picture:

@@ -46,9 +46,12 @@ class Daemon:
         self._origin = Origin()
         self._inbox = Inbox(config.limits)
         self._board = Board(lambda: self._clock.wall_ns() // 1_000_000)
+        self._asked_to_stop = asyncio.Event()
 
     async def run(self) -> int:
         """Run until SIGTERM, SIGINT, the end of the input, or a failure; return the exit code (sysexits)."""
+        for number in (signal.SIGTERM, signal.SIGINT):
+            asyncio.get_running_loop().add_signal_handler(number, self._asked_to_stop.set)
         try:
             identity = load_identity(self._config.node.keys, self._clock.wall_ns() // 1_000_000)
             with FolderLock(Path(self._config.node.flights)):
@@ -103,16 +106,18 @@ class Daemon:
         try:
             await edges.start()
             print(f"autopilot: recording in {self._board.session.flight.folder}", file=sys.stderr, flush=True)
-            await _first(_signalled(), self._input_ended(edges), over.wait())
+            await _first(self._asked_to_stop.wait(), self._input_ended(edges), over.wait())
         finally:
-            await edges.stop()
-            report_rejections(rejections, self._inbox)
-            loop.stop(Stop(CLOSE_INPUT_ENDED if self._ends_with_input(edges) else CLOSE_STOPPED))
-            await over.wait()
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            await projecting.finish()
+            try:
+                await edges.stop()
+            finally:  # whatever an adapter does, the log gets its end
+                report_rejections(rejections, self._inbox)
+                loop.stop(Stop(CLOSE_INPUT_ENDED if self._ends_with_input(edges) else CLOSE_STOPPED))
+                await over.wait()
+                for task in tasks:
+                    task.cancel()
+                await asyncio.gather(*tasks, return_exceptions=True)
+                await projecting.finish()
 
     async def _input_ended(self, edges: Edges) -> None:
         """Wait for the end of the input where that is the end: as configured, or because it can never begin."""
@@ -153,14 +158,6 @@ async def _first(*waits: Awaitable[object]) -> None:
     await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     for task in tasks:
         task.cancel()
-
-
-async def _signalled() -> None:
-    """Wait for SIGTERM or SIGINT."""
-    stop, asyncio_loop = asyncio.Event(), asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        asyncio_loop.add_signal_handler(number, stop.set)
-    await stop.wait()
 
 
 def _call(asyncio_loop: asyncio.AbstractEventLoop, call: Callable[[], object]) -> None:

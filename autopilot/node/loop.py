@@ -109,8 +109,9 @@ class NodeLoop(threading.Thread):
     def _turn(self, session: Session) -> Session:
         batch = self._inbox.take(self._wait_s(session), BATCH_MOST)
         self.turned_ns = self._clock.mono_ns()
+        quiet, recorded = not batch and not self._pending, session.state.next_seq.value
         self._observe(session, batch)
-        if not batch and not self._pending:
+        if quiet and session.state.next_seq.value == recorded:
             session.store.idle()
             self._inbox.refuse_orders(False)  # the disk had time to recover; where it did not, the next commit says so
         return self._follow_if_over(session)

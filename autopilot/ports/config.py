@@ -143,8 +143,8 @@ class FindSection(Section):
         },
         description="Class groups; a class in no group is not observed.",
     )
-    same_object_m: float = Field(8, gt=0, le=1000, description="Sightings nearer than this are one object.")
-    same_poi_m: float = Field(15, gt=0, le=1000, description="Sightings nearer than this are one question.")
+    same_object_m: float = Field(8, ge=0.1, le=1000, description="Sightings nearer than this are one object.")
+    same_poi_m: float = Field(15, ge=0.1, le=1000, description="Sightings nearer than this are one question.")
     ask_confidence: float = Field(0.4, ge=0, le=1, description="Below it nobody is asked.")
     asks_per_minute: int = Field(5, ge=1, le=60, description="Questions to the operator in a rolling minute.")
     decide_shortest_s: float = Field(30, gt=0, le=86_400, description="Time to decide at 40 % confidence.")

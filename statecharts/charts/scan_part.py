@@ -37,7 +37,8 @@ def _fire(state: State, key: str, trigger: str) -> tuple[Message, ...]:
     if camera is None:
         return ()
     limits, scan = state.flight.limits, state.scans.get(key) or Scan()
-    enabled = limits.scan_enabled and camera.gimbal > 0
+    vehicle = state.vehicles.get(camera.vehicle)
+    enabled = limits.scan_enabled and camera.gimbal > 0 and vehicle is not None and vehicle.link
     candidate = _candidate(state, key) if enabled and camera.state == "automatic" else None
     facts = Facts(
         enabled=enabled,

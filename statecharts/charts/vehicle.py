@@ -23,4 +23,14 @@ def _link(state: State, record: Record) -> None:
     state.vehicles.put(change.vehicle, before._replace(link=change.up))
 
 
-EVOLVE: dict[str, Evolve] = {"vehicle_state_reported": _reported, "vehicle_link_changed": _link}
+def _started(state: State, _record: Record) -> None:
+    """Believe in no link from before a start: who is there reports again."""
+    for number, before in state.vehicles.items():
+        state.vehicles.put(number, before._replace(link=False))
+
+
+EVOLVE: dict[str, Evolve] = {
+    "vehicle_state_reported": _reported,
+    "vehicle_link_changed": _link,
+    "node_started": _started,
+}

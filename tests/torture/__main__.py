@@ -17,7 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tests.house import REPO
-from tests.torture.killing import check, fly
+from tests.torture.holding import check
+from tests.torture.killing import fly
 
 RESULTS = Path(__file__).with_name("RESULTS.json")
 KILLS, KILLS_A_FLIGHT = 200, 20

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.torture.killing import check, fly
+from tests.torture.holding import check
+from tests.torture.killing import fly
 
 pytestmark = pytest.mark.whole
 

@@ -57,8 +57,9 @@ def check_history(root: Path, *expected: tuple[int, str]) -> None:
     Each must replay, begin as a flight does, and go forward in time.
     """
     found = []
-    for flight in flights_in(root):
+    for number, flight in enumerate(flights_in(root), start=1):
         records = log_of(flight)
+        assert flight.number == next(of_kind(records, "flight_opened")).flight_number == number
         reader = read_flight(flight.folder)
         assert verify(reader).words().startswith("identical")
         reader.close()
@@ -102,7 +103,20 @@ def test_the_first_flight_has_a_manifest_and_an_empty_baseline(begin: Begin, tmp
     assert node.session.flight.folder.name == "000001-01010101"
     assert next(of_kind(node.log(), "baseline_carried")).ByteSize() == 2
     assert list(of_kind(node.log(), "node_started")) == [NodeStarted(boot_id="boot-1", start=1, outage_ns=0)]
+    assert node.disk.appends == 1  # whole or not at all: a log with half an opening could not go on
     check_history(tmp_path, (1, ""))
+
+
+def test_flight_time_never_goes_back(begin: Begin, clock: FakeClock, tmp_path: Path) -> None:
+    """Whatever the machine's clock does."""
+    node = begin().start()
+    node.tell(*heard_vehicle(), after_ms=9_000)
+    clock.mono -= 5_000_000_000
+    node.tell(vehicle_state(armed=False))
+    node.turn(after_ms=200)
+    node.turn(after_ms=200)
+    check_history(tmp_path, (1, ""))
+    assert len(node.log()) == 7
 
 
 def test_a_start_in_the_same_boot_goes_on(begin: Begin, clock: FakeClock, tmp_path: Path) -> None:
@@ -283,13 +297,27 @@ def test_a_flight_is_not_closed_while_an_outcome_is_awaited(begin: Begin, tmp_pa
     node.turn(after_ms=200)
     node.turn(after_ms=181_000)
     check_history(tmp_path, (1, ""))
+    (ack,) = [one.seq for one in node.performed if one.kind.name == "send_ack"]  # the order has timed out
+    node.tell(published(ack))
     node.tell(answered(effect, mav_result=5))
     node.turn(after_ms=200)
     check_history(tmp_path, (1, ""))
     node.tell(answered(effect))
+    node.turn(after_ms=200)
+    check_history(tmp_path, (1, "CLOSE_DISARMED"), (1, ""))
+
+
+def test_a_flight_is_not_closed_while_an_answer_is_on_its_way(begin: Begin, tmp_path: Path) -> None:
+    """An ack's outcome names its seq too."""
+    node = begin().start()
+    node.tell(*heard_vehicle())
+    node.tell(point_at_place("a1", roles=()), input_class=InputClass.ORDER)
+    (ack,) = [one.seq for one in node.performed]
+    node.tell(vehicle_state(armed=False))
+    node.turn(after_ms=200)
+    node.turn(after_ms=181_000)
     check_history(tmp_path, (1, ""))
-    for ack in [one.seq for one in node.performed if one.kind.name == "send_ack"]:
-        node.tell(published(ack))
+    node.tell(published(ack))
     node.turn(after_ms=200)
     check_history(tmp_path, (1, "CLOSE_DISARMED"), (1, ""))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -79,17 +80,25 @@ def test_a_source_that_can_wait_sees_whether_there_is_room() -> None:
     assert box.has_room(InputClass.ORDER)
 
 
-def test_a_waiting_take_returns_for_an_offer_and_for_a_wake() -> None:
-    """The loop sleeps in `take`; both must end it, and nothing is lost that came before it slept."""
-    box, seen = inbox(), list[int]()
-
-    def wait() -> None:
-        seen.append(len(box.take(20, 8)))
-        seen.append(len(box.take(20, 8)))
-
-    waiter = threading.Thread(target=wait)
-    box.offer(InputClass.FRAME, numbered(1))
+def check_returns(box: Inbox, act: Callable[[], object], expected: int) -> None:
+    """Check that a `take` that may wait for long returns this many once something is done."""
+    seen = list[int]()
+    waiter = threading.Thread(target=lambda: seen.append(len(box.take(30, 8))), daemon=True)
     waiter.start()
-    box.wake()
+    act()
     waiter.join(10)
-    assert (waiter.is_alive(), sum(seen)) == (False, 1)
+    assert seen == [expected]
+
+
+def test_a_waiting_take_returns_for_an_offer_and_for_a_wake() -> None:
+    """The loop sleeps in `take`; both end it."""
+    box = inbox()
+    check_returns(box, lambda: box.offer(InputClass.FRAME, numbered(1)), 1)
+    check_returns(box, box.wake, 0)
+
+
+def test_a_wake_that_comes_before_the_sleep_is_not_lost() -> None:
+    """Else a daemon that is asked to stop would sleep over it."""
+    box = inbox()
+    box.wake()
+    check_returns(box, lambda: None, 0)

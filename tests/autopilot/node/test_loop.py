@@ -10,10 +10,10 @@ import pytest
 from autopilot.node.daemon import _exit_code
 from autopilot.node.loop import Stop
 from autopilot.ports.edges import InputClass
-from events.schema.flight_pb2 import CLOSE_STOPPED, InputsDropped
+from events.schema.flight_pb2 import CLOSE_STOPPED, InputsDropped, OriginSet
 from events.schema.vehicle_pb2 import GimbalReported
 from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind
-from tests.flights import answered, frame, gimbal, point_at_place, published, received, sent
+from tests.flights import answered, frame, gimbal, place, point_at_place, published, received, sent
 
 
 @pytest.fixture
@@ -51,6 +51,14 @@ def test_an_order_is_durable_and_then_performed(node: Node) -> None:
     assert node.kinds().count("point_at_place") == 1
     assert [record.kind.name for record in node.performed] == ["point_at_place"]
     check_written_before_performed(node)
+
+
+def test_what_must_not_be_lost_is_durable_at_once(node: Node) -> None:
+    """SYNC, though nothing leaves."""
+    before = appends(node)
+    node.tell(OriginSet(place=place(0, 0), source="configured"))
+    assert appends(node) == before + 1
+    assert node.performed == []
 
 
 def test_a_group_of_orders_is_one_commit(node: Node) -> None:
@@ -170,8 +178,16 @@ def test_a_stalled_disk_refuses_orders_until_a_commit_is_quick_again(node: Node)
     check_stalled(node)
     node.turn(after_ms=10)
     assert not node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
-    node.turn(after_ms=200)
+    node.tell(gimbal(0, 0), input_class=InputClass.TELEMETRY, after_ms=200)
     assert node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
+
+
+def test_a_group_that_is_written_slowly_closes_the_door_too(node: Node) -> None:
+    """Whichever commit it is that stalls, also one that the clock asked for."""
+    node.tell(gimbal(0, 0), input_class=InputClass.TELEMETRY)
+    node.disk.takes_ms = 2_100
+    node.turn(after_ms=200)
+    assert not node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
 
 
 def test_a_node_that_has_nothing_to_write_takes_orders_again(node: Node) -> None:

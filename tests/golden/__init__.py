@@ -1,0 +1,1 @@
+"""Golden flights: small logs that every version must replay as it is written beside them."""
