@@ -16,7 +16,7 @@ from events.store import flights_in, read_flight
 from replay.verify import verify
 from statecharts import State, restore, steps_of
 from statecharts.charts.command import FINAL
-from tests.torture.killing import OPERATOR, Flown
+from tests.torture.killing import Flown
 
 ATTEMPTS_MAX = VehicleSection().attempts
 ROI = dialect.MAV_CMD_DO_SET_ROI_LOCATION

@@ -22,7 +22,6 @@ from autopilot.sim.aircraft import HOME
 from events.store import read_flight
 from tests.torture.middle import Middle
 
-OPERATOR = "k-1"
 ORDER_LIFE_S = 5.0
 ORDERS_APART_S = (0.05, 0.5)
 UP_WITHIN_S = 30.0
