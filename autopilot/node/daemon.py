@@ -31,6 +31,8 @@ from autopilot.node.upkeep import Rejections, publish_status, record_rejections,
 from autopilot.ports.config import Config
 from autopilot.trust.identity import Identity, IdentityError, load_identity
 from autopilot.trust.keys import SecretFileError
+from events.kinds import UnknownKind
+from events.records import BodyBroken
 from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, Model
 
 # Without a turn of the loop for this long the node is not well, and its heartbeat stops.
@@ -167,6 +169,8 @@ def _call(asyncio_loop: asyncio.AbstractEventLoop, call: Callable[[], object]) -
 
 
 def _exit_code(loop: NodeLoop, refusal: str | None) -> int:
+    if isinstance(loop.failure, UnknownKind | BodyBroken):
+        return _say(f"the newest flight can't be read: {loop.failure}", os.EX_DATAERR)
     if loop.failure is not None:
         return _say(f"the log failed, nothing more is recorded: {loop.failure}", os.EX_IOERR)
     if loop.defect:

@@ -20,8 +20,8 @@ from autopilot.node.flights import Flights, Session
 from autopilot.node.inbox import Inbox
 from autopilot.ports.config import LimitsSection
 from autopilot.ports.edges import Clock
-from events.kinds import Role
-from events.records import Record
+from events.kinds import Role, UnknownKind
+from events.records import BodyBroken, Record
 from events.schema import flight_pb2
 from events.schema.orders_pb2 import AckPublished
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered
@@ -74,9 +74,9 @@ class NodeLoop(threading.Thread):
         self._commit_by_ns = 0
         self._disarmed_at_ns: int | None = None
         self._awaited: set[int] = set()  # effects handed over whose outcome is still to come
-        self._standing: dict[tuple[str, int], Message] = {}
+        self._standing: dict[tuple[str, int, int], Message] = {}
         self.turned_ns = clock.mono_ns()  # when the loop last went round: whether the node is well
-        self.failure: StoreFailed | None = None
+        self.failure: StoreFailed | UnknownKind | BodyBroken | None = None
         self.defect: str = ""
 
     def stop(self, stop: Stop) -> None:
@@ -91,7 +91,7 @@ class NodeLoop(threading.Thread):
             while self._asked_to_stop is None:
                 session = self._turn(session)
             self._finish(session, self._asked_to_stop)
-        except StoreFailed as error:
+        except (StoreFailed, UnknownKind, BodyBroken) as error:
             self.failure = error
         except Exception:  # noqa: BLE001 - a defect ends the process with its traceback, not a silent thread
             self.defect = traceback.format_exc()
@@ -160,7 +160,8 @@ class NodeLoop(threading.Thread):
             case CommandAnswered(effect_seq=seq, mav_result=result) if result != _MAV_IN_PROGRESS:
                 self._awaited.discard(seq)
             case message if record.kind.name in _STANDING:
-                self._standing[record.kind.name, message.vehicle] = message  # type: ignore[attr-defined]
+                about = (record.kind.name, getattr(message, "vehicle", 0), getattr(message, "camera", 0))
+                self._standing[about] = message
 
     def _wait_s(self, session: Session) -> float:
         waits = [IDLE_S]

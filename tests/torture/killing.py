@@ -26,6 +26,7 @@ ORDER_LIFE_S = 5.0
 ORDERS_APART_S = (0.05, 0.5)
 UP_WITHIN_S = 30.0
 ALIVE_S = (0.0, 2.4)  # from the first word of a start to the kill
+AS_IT_ACTS = 0.5  # part of the kills that wait for a command to leave
 STARTING_S = (0.0, 1.2)  # from the start of the process to the kill, where it is killed before its first word
 
 
@@ -81,7 +82,7 @@ def fly(folder: Path, *, seconds: float, seed: int, kills: int, starting: float 
             operator = Operator(issuer, chance)
             operator.start()
             for _ in range(kills):
-                _kill(stage, issuer, flown, chance, starting)
+                _kill(stage, middle, issuer, flown, chance, starting)
             _wait_until_up(issuer, flown.started_ms)
             if land and issuer.wait_status(NODE, lambda status: not status.armed, seconds + UP_WITHIN_S) is None:
                 raise TimeoutError("the aircraft did not land")
@@ -93,13 +94,19 @@ def fly(folder: Path, *, seconds: float, seed: int, kills: int, starting: float 
     return flown
 
 
-def _kill(stage: Stage, issuer: Issuer, flown: Flown, chance: random.Random, starting: float) -> None:
-    """Let the node live a while, kill it, look at what it left, and start it again."""
+def _kill(stage: Stage, middle: Middle, issuer: Issuer, flown: Flown, chance: random.Random, starting: float) -> None:
+    """Let the node live a while, kill it, look at what it left, and start it again.
+
+    Half of those that are up die in the moment in which a command leaves them: what left must be in the log.
+    """
     if chance.random() < starting:
         _live_for(chance.uniform(*STARTING_S))
     else:
         _wait_until_up(issuer, flown.started_ms)
         _live_for(chance.uniform(*ALIVE_S))
+        middle.pointed.clear()
+        if chance.random() < AS_IT_ACTS:
+            middle.pointed.wait(ALIVE_S[1])
     told = issuer.status(NODE)
     assert stage.node.running
     stage.node.kill()

@@ -30,6 +30,7 @@ class Middle(threading.Thread):
 
     def __init__(self, aircraft_port: int, chance: random.Random | None = None) -> None:
         super().__init__(name="middle", daemon=True)
+        self.pointed = threading.Event()  # a pointing command has just passed
         self.seen: Counter[tuple[int, float, float]] = Counter()
         self._aircraft = ("127.0.0.1", aircraft_port)
         self._node: tuple[str, int] | None = None
@@ -85,6 +86,7 @@ class Middle(threading.Thread):
         for message in dialect.MAVLink(None).parse_buffer(bytearray(data)) or []:
             if message.get_type() == "COMMAND_INT" and message.command in POINTING:
                 self.seen[message.command, message.x, message.y] += 1
+                self.pointed.set()
             if message.get_type() == "COMMAND_LONG" and message.command in POINTING:
                 self.seen[message.command, round(message.param1, 3), round(message.param2, 3)] += 1
 

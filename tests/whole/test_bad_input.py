@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import apsw
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
@@ -225,6 +226,16 @@ def test_a_log_that_is_none_is_not_written_over(tmp_path: Path, keys: Path, what
     log.write_bytes(broken)
     check_refused(config, os.EX_IOERR, "flight.db")
     assert log.read_bytes() == broken
+    assert len(flights_in(tmp_path / "flights")) == 1
+
+
+def test_a_log_of_a_newer_version_is_left_alone(tmp_path: Path, keys: Path) -> None:
+    """A kind of record that this software does not know: said in one line, and nothing is added to it."""
+    config, log = recorded(tmp_path, keys)
+    connection = apsw.Connection(str(log))
+    connection.execute("UPDATE record SET kind = 60000 WHERE seq = 2")
+    connection.close()
+    check_refused(config, os.EX_DATAERR, "no event kind has number 60000")
     assert len(flights_in(tmp_path / "flights")) == 1
 
 
