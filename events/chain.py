@@ -26,6 +26,11 @@ _LEAF = struct.Struct(">c16sQqQQIqBHB32s32s")
 _LE64 = struct.Struct("<Q")
 
 
+def salt_of(secret: bytes, seq: int) -> bytes:
+    """Return the salt of one record: what is shown of it, so that its body alone can be checked."""
+    return blake2b(_LE64.pack(seq), digest_size=SALT_BYTES, key=secret).digest()
+
+
 class ChainBroken(ValueError):
     """A stored leaf is not the hash of its record."""
 

@@ -49,6 +49,7 @@ _CLOSE_REASONS: dict[int, str] = {
     flight_pb2.CLOSE_LOGIC_CHANGED: "another logic number took over",
     flight_pb2.CLOSE_INPUT_ENDED: "the input ended",
     flight_pb2.CLOSE_REBOOTED: "the computer was started again",
+    flight_pb2.CLOSE_DISK_FULL: "the disk is full",
 }
 
 
@@ -232,6 +233,11 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "step_failed": _failed,
     "inputs_dropped": lambda one: f"{one.count} of class {one.input_class} dropped: the inbox was full",
     "samples_rejected": _rejected,
+    "log_recovered": lambda one: f"the log was not ended in order: {one.found}",
+    "log_damaged": lambda one: f"damaged log kept in {one.folder or '?'}: {one.found}",
+    "disk_full": lambda one: f"the disk is full: {one.reserved_bytes >> 10} KiB given up for the end of the flight",
+    "log_key_certified": lambda one: f"key of this log: {one.certificate.partition('key ')[2].partition(chr(10))[0]}",
+    "seal_refused": lambda one: f"the log is signed no more: {one.because}",
     "moved": lambda one: f"{one.chart} {one.instance}: {one.from_state} -> {one.to_state}, {one.because}",
     "order_received": _ordered,
     "order_malformed": _malformed,

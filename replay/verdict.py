@@ -48,6 +48,7 @@ class Verdict:
     further: int = 0  # further steps that diverge
     seq: int | None = None  # where the chain breaks or reading ends
     detail: str = ""  # why, for a broken chain or an unreadable log
+    leaf: str = ""  # hex: leaf of the last record whose chain held
 
     @property
     def holds(self) -> bool:

@@ -8,6 +8,7 @@ recorded decisions, so that a divergence stays local and the next one is a findi
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Sequence
 
 from google.protobuf.message import DecodeError
@@ -26,6 +27,7 @@ from events import (
 from events.records import Stored
 from events.schema.flight_pb2 import FlightOpened
 from events.store import Reader
+from events.tree import Peaks
 from projections.describe import describe
 from replay.causes import Line, chain, line
 from replay.fields import first_difference
@@ -75,14 +77,15 @@ class _Run:
         self.decisions = 0
         self.first: Divergence | None = None
         self.diverged = 0
+        self.sealed = Chain(reader.flight_id, reader.secret)
 
     def whole(self, progress: Progress) -> None:
         """Check and replay everything. Raises _Ended."""
         head = self.reader.head
         if head.seq < 0:
             raise _Ended(Outcome.UNREADABLE, 0, "the log is empty")
-        sealed = Chain(self.reader.flight_id, self.reader.secret)
-        check, observations = sealed.check, _OBSERVATIONS
+        check, observations = self.sealed.check, _OBSERVATIONS
+        signed = _Signed(self.reader)
         recorded: list[Stored] = []
         for expected, stored in enumerate(self.reader.stored(0, head.seq + 1)):
             if stored.seq != expected:
@@ -96,10 +99,12 @@ class _Run:
                 recorded = []
             recorded.append(stored)
             self.records += 1
+            signed.check(stored)
             if expected % PROGRESS_EVERY == 0:
                 progress(expected, head.seq + 1)
-        if self.records != head.seq + 1 or sealed.leaf != head.leaf:
+        if self.records != head.seq + 1 or self.sealed.leaf != head.leaf:
             raise _Ended(Outcome.BROKEN, self.records, f"the log ends at {self.records - 1}, its head is {head.seq}")
+        signed.end(head.seq + 1)
         self._step(recorded)
         progress(head.seq + 1, head.seq + 1)
 
@@ -114,6 +119,7 @@ class _Run:
             further=max(self.diverged - 1, 0),
             seq=seq,
             detail=detail,
+            leaf=self.sealed.leaf.hex(),
         )
 
     def _step(self, recorded: Sequence[Stored]) -> None:
@@ -140,6 +146,32 @@ class _Run:
         except Exception:  # noqa: BLE001 - a forged decision may break any chart; that it differs is reported already
             self.state.journal.rollback()
             step(self.state, observation)
+
+
+class _Signed:
+    """Holds the checkpoints that lie beside the records against the tree over them. Who signed is judged elsewhere."""
+
+    def __init__(self, reader: Reader) -> None:
+        self._notes = dict(reader.checkpoints())
+        self._peaks = Peaks()
+
+    def check(self, stored: Stored) -> None:
+        """Take the next record in. Raises _Ended where a checkpoint says otherwise."""
+        if not self._notes:
+            return
+        self._peaks.append(stored.leaf)
+        size = self._peaks.size
+        note = self._notes.get(size)
+        if note is None:
+            return
+        if note.split("\n")[1:3] != [str(size), base64.b64encode(self._peaks.root()).decode()]:
+            raise _Ended(Outcome.BROKEN, stored.seq, f"the first {size} records are not those that were signed")
+
+    def end(self, size: int) -> None:
+        """Raise _Ended where more was signed than there is."""
+        newest = max(self._notes, default=0)
+        if newest > size:
+            raise _Ended(Outcome.BROKEN, size, f"{newest} records were signed, and the log holds {size}: it was cut")
 
 
 def _read(stored: Stored) -> Record:

@@ -11,23 +11,32 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from autopilot.cli.flight import USAGE, with_flight
+from autopilot.cli.flight import USAGE, folder_of, with_flight
+from autopilot.ground.verifier import ProofRefused, check
+from autopilot.node.sealing import CERTIFICATE_FILE
+from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE
 from events import read_record
 from events.store import Reader
 from projections.bundle import build
 from projections.canonical import json_text
+from replay.proof import Papers, prove
 
 _EXAMPLES = """\
 examples:
   autopilot export bundle flights/000001-1a2b3c4d bundle.json
   autopilot export bundle flights/000001-1a2b3c4d - | python -m json.tool
+  autopilot export proof flights/000001-1a2b3c4d --seq 142 proof.json
 
-exit codes: 0 written, 65 the flight can't be understood, 66 there is no such flight, 73 OUT can't be written, \
-74 the flight can't be read
+exit codes: 0 written, 65 the flight can't be understood or proves nothing, 66 there is no such flight, \
+73 OUT can't be written, 74 the flight can't be read
 """
 _BUNDLE = """\
 Write the post-flight bundle as JSON: map objects, observations, ignored items, points of interest, audit rows and a
 summary of the flight. The same flight gives the same bytes every time.
+"""
+_PROOF = """\
+Write one record with everything that led to it as a proof: `autopilot verify OUT` checks it, offline and without a
+key, against the newest checkpoint that the node signed. What is written was checked so before.
 """
 
 
@@ -52,6 +61,17 @@ def add(commands: Any) -> None:
     one.add_argument("out", metavar="OUT", help="file to write; - for standard output")
     one.add_argument("--json", action="store_true", help="print what was written as one JSON object")
     one.set_defaults(run=run)
+    one = own.add_parser(
+        "proof",
+        help="one record and what led to it, for anybody to verify",
+        description=_PROOF,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    one.add_argument("flight", metavar="FLIGHT", help="folder of the flight")
+    one.add_argument("--seq", type=int, required=True, metavar="N", help="number of the record")
+    one.add_argument("out", metavar="OUT", help="file to write; - for standard output")
+    one.set_defaults(run=run_proof)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -62,6 +82,39 @@ def run(args: argparse.Namespace) -> int:
     return with_flight(args.flight, lambda reader: _bundle(reader, args.out, as_json=args.json))
 
 
+def run_proof(args: argparse.Namespace) -> int:
+    """Write a proof; return the exit code."""
+    return with_flight(args.flight, lambda reader: _proof(reader, folder_of(args.flight), args.seq, args.out))
+
+
+def _proof(reader: Reader, folder: Path, seq: int, out: str) -> int:
+    try:
+        data = prove(reader, seq, _papers(folder))
+        proved = check(data)
+    except (LookupError, ProofRefused) as error:
+        print(f"autopilot export: {error}", file=sys.stderr)
+        return os.EX_DATAERR
+    code = _put(out, data)
+    if code == os.EX_OK and out != "-":
+        led = len(proved.records) - 1
+        print(
+            f"{out}: record {seq} and {led} that led to it, {len(data)} bytes; autopilot verify {out}", file=sys.stderr
+        )
+    return code
+
+
+def _papers(folder: Path) -> Papers:
+    """Read what the node laid beside the log. Raises LookupError."""
+    try:
+        return Papers(
+            log_key=(folder / CERTIFICATE_FILE).read_text("utf-8"),
+            token=(folder / TOKEN_FILE).read_bytes(),
+            trust_root=(folder / ROOT_FILE).read_bytes(),
+        )
+    except (OSError, UnicodeDecodeError) as error:
+        raise LookupError(f"nobody signed this flight, so nothing of it can be proved: {error}") from error
+
+
 def _bundle(reader: Reader, out: str, *, as_json: bool) -> int:
     try:
         bundle = build(map(read_record, reader.stored()))
@@ -69,6 +122,15 @@ def _bundle(reader: Reader, out: str, *, as_json: bool) -> int:
         print(f"autopilot export: {error}", file=sys.stderr)
         return os.EX_DATAERR
     data = json_text(bundle).encode() + b"\n"
+    code = _put(out, data)
+    if code != os.EX_OK or out == "-":
+        return code
+    _tell(out, data, bundle, as_json=as_json)
+    return os.EX_OK
+
+
+def _put(out: str, data: bytes) -> int:
+    """Write to a file or to standard output; return the exit code."""
     if out == "-":
         sys.stdout.write(data.decode())
         return os.EX_OK
@@ -77,7 +139,6 @@ def _bundle(reader: Reader, out: str, *, as_json: bool) -> int:
     except OSError as error:
         print(f"autopilot export: {out} can't be written: {error.strerror}", file=sys.stderr)
         return os.EX_CANTCREAT
-    _tell(out, data, bundle, as_json=as_json)
     return os.EX_OK
 
 

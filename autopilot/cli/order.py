@@ -96,9 +96,10 @@ def run(args: argparse.Namespace) -> int:
     with Issuer(identity, args.connect) as issuer:
         if args.node_key is not None:
             issuer.know_node(args.to, args.node_key)
-        if args.compose is None:
-            return _watch(issuer, args)
-        return _order(issuer, args)
+        code = _watch(issuer, args) if args.compose is None else _order(issuer, args)
+        for node, wrong in issuer.complaints().items():
+            print(f"{node}: its log contradicts what it signed before: {wrong}", file=sys.stderr)
+        return code
 
 
 def _order(issuer: Issuer, args: argparse.Namespace) -> int:

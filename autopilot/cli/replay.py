@@ -8,11 +8,17 @@ import os
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
+from google.protobuf.message import DecodeError
+
 from autopilot.cli.bar import Bar
-from autopilot.cli.flight import USAGE, with_flight
+from autopilot.cli.flight import USAGE, folder_of, with_flight
+from autopilot.trust.notes import NoteInvalid
+from autopilot.trust.replayed import VERDICT_FILE, read_verdict
 from events import UnknownKind, kind_named
+from events.schema.flight_pb2 import FlightOpened
 from events.store import Reader
 from replay.causes import Line, chain, consequences
 from replay.show import line_text, show
@@ -26,12 +32,18 @@ examples:
   autopilot replay show flights/000001-1a2b3c4d --from 100 --to 160
   autopilot replay show flights/000001-1a2b3c4d --kind order_received
   autopilot replay why flights/000001-1a2b3c4d 142
+  autopilot replay check flights/000001-1a2b3c4d
 
-exit codes: 0 identical, 65 the flight diverges or is damaged, 66 there is no such flight, 74 it can't be read
+exit codes: 0 identical or sound, 65 the flight diverges or is damaged, 66 there is no such flight, 74 it can't be read
 """
 _VERIFY = """\
 Check the chain of a flight's log, then run every observation through the same charts and compare every decision,
 field by field and byte for byte. A flight that is still open is verified up to its newest record.
+"""
+_CHECK = """\
+Say what state a flight's log is in, and change nothing: the WAL is read before SQLite opens the database, every record
+is held against the chain, and the end of the log against its head file. A torn tail, as a power cut leaves it, is
+sound; a missing head file is not, for then nothing tells whether records are missing at the end.
 """
 _SHOW = "Print a flight's records, one a line: seconds of the flight, seq, kind, and what it says."
 _WHY = "Print what led to a record, back to the observation that it came from, and everything that it led to."
@@ -59,6 +71,9 @@ def add(commands: Any) -> None:
     one.add_argument("seq", type=_seq, metavar="SEQ", help="number of the record")
     one.add_argument("--json", action="store_true", help="print both lists as one JSON object")
     one.set_defaults(run=run_why)
+    one = _command(own, "check", "say what state the log is in, also where it can't be opened", _CHECK)
+    one.add_argument("--json", action="store_true", help="print what was found as one JSON object")
+    one.set_defaults(run=run_check)
 
 
 def _command(own: Any, name: str, brief: str, description: str) -> argparse.ArgumentParser:
@@ -81,10 +96,10 @@ def _seq(text: str) -> int:
 
 def run_verify(args: argparse.Namespace) -> int:
     """Verify a flight; return the exit code."""
-    return with_flight(args.flight, lambda reader: _verify(reader, as_json=args.json))
+    return with_flight(args.flight, lambda reader: _verify(reader, folder_of(args.flight), as_json=args.json))
 
 
-def _verify(reader: Reader, *, as_json: bool) -> int:
+def _verify(reader: Reader, folder: Path, *, as_json: bool) -> int:
     bar = Bar("replaying")
     try:
         verdict = verify(reader, bar)
@@ -95,7 +110,26 @@ def _verify(reader: Reader, *, as_json: bool) -> int:
     else:
         _report(verdict)
         print(verdict.words())
+        _tell_signed(reader, folder)
     return os.EX_OK if verdict.holds else os.EX_DATAERR
+
+
+def _tell_signed(reader: Reader, folder: Path) -> None:
+    """Tell on stderr what the node itself has signed of this flight, where it has."""
+    first = next(iter(reader.stored(0, 1)), None)
+    if first is None or not (folder / VERDICT_FILE).exists():
+        return
+    try:
+        opened = FlightOpened.FromString(first.body)
+        signed = read_verdict(folder, opened.node_public_key, f"waypoint/{opened.deployment_id}/{opened.node}")
+    except (DecodeError, NoteInvalid) as error:
+        print(f"the verdict beside the log is not to be believed: {error}", file=sys.stderr)
+        return
+    if signed is not None:
+        last = next(iter(reader.stored(signed.seq, signed.seq + 1)), None)
+        other = "" if last is not None and last.leaf.hex() == signed.leaf else ", of another log than this"
+        told = f"signed by {opened.node}: {signed.verdict} up to record {signed.seq}, software {signed.software}{other}"
+        print(told, file=sys.stderr)
 
 
 def _report(verdict: Verdict) -> None:
@@ -106,6 +140,14 @@ def _report(verdict: Verdict) -> None:
     for shown in verdict.first.causes:
         print(line_text(shown), file=sys.stderr)
     print(f"  recorded  {verdict.first.recorded}\n  replayed  {verdict.first.replayed}", file=sys.stderr)
+
+
+def run_check(args: argparse.Namespace) -> int:
+    """Say what state a flight's log is in; return the exit code."""
+    # It needs numpy, which the other commands do not wait for.
+    from autopilot.cli import checking
+
+    return checking.check(folder_of(args.flight), as_json=args.json)
 
 
 def run_show(args: argparse.Namespace) -> int:

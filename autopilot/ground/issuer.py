@@ -14,6 +14,7 @@ from typing import Literal
 
 from autopilot.adapters.mesh.link import Link, LinkDown, Wire
 from autopilot.ground.ledger import Answer, Ledger, Order, OrderNumbers, read_ack, read_status
+from autopilot.ground.witness import Witness
 from autopilot.trust.clock import Clock, HostClock
 from autopilot.trust.envelope import MessageType, Packer, PackError
 from autopilot.trust.gate import Gate
@@ -66,6 +67,8 @@ class Issuer:
         self._numbers = OrderNumbers(identity.folder / "order_seq", self._clock)
         self._ledger = Ledger()
         self._statuses: dict[str, SeenStatus] = {}
+        self._witness = Witness(identity.folder)
+        self._complaints: dict[str, str] = {}
         self._node_keys = dict(identity.known_nodes)
         self._watched: set[str] = set()
         self._stopped = False
@@ -181,6 +184,11 @@ class Issuer:
         """Return how many authentic acks did not fit an order of ours, by reason."""
         return self._ledger.refused()
 
+    def complaints(self) -> dict[str, str]:
+        """Return the nodes whose signed logs contradict what they signed before, and how."""
+        with self._ledger.changed:
+            return dict(self._complaints)
+
     def receive_ack(self, key_expr: str, payload: bytes) -> None:
         """Judge a sample on an ack key. Never raises."""
         verdict = self._ack_gate.judge(key_expr, payload)
@@ -195,12 +203,22 @@ class Issuer:
         sender, node = verdict.message.sender, status_node(key_expr)
         if node is None or sender.principal_id != node:
             return
+        wrong = self._bear_witness(node, sender.public_key, verdict.value)
         with self._ledger.changed:
+            if wrong:
+                self._complaints[node] = wrong
             before = self._statuses.get(node)
             if before is None or before.status.at_ms <= verdict.value.at_ms:
                 self._statuses[node] = SeenStatus(node, verdict.value, self._clock.mono_ns())
                 self._node_keys[node] = sender.public_key
             self._ledger.changed.notify_all()
+
+    def _bear_witness(self, node: str, public_key: bytes, status: NodeStatus) -> str:
+        """Hold a status against what the node signed before; return what is wrong, "" where it fits."""
+        try:
+            return self._witness.see(self._identity.deployment_id, node, public_key, status)
+        except OSError as error:
+            return f"what it signed can't be kept: {error}"
 
     def turn(self) -> None:
         """Publish what is due now."""

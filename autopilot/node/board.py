@@ -79,6 +79,8 @@ class Board:
             pois=[_poi(one, now_ns) for one in picture.waiting.values() if one.state == "surfaced"],
             map_objects=picture.map_objects,
         )
+        if (sealing := self.session.sealing) is not None and sealing.newest:
+            said.log_checkpoint, said.log_key = sealing.newest, sealing.certificate
         for vehicle in picture.vehicles.values():
             if vehicle.latitude_e7 is not None and vehicle.longitude_e7 is not None:
                 said.latitude_e7, said.longitude_e7 = vehicle.latitude_e7, vehicle.longitude_e7

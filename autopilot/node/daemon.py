@@ -27,7 +27,9 @@ from autopilot.node.limits import configuration_message
 from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.loop import NodeLoop, Stop
 from autopilot.node.projecting import Projecting
+from autopilot.node.sealing import Sealer
 from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
+from autopilot.node.verdicts import Verdicts
 from autopilot.ports.config import Config
 from autopilot.trust.identity import Identity, IdentityError, load_identity
 from autopilot.trust.keys import SecretFileError
@@ -88,22 +90,26 @@ class Daemon:
         loop.start()
         await _first(ready.wait(), over.wait())
         if ready.is_set():
-            await self._serve(loop, edges, over)
+            await self._serve(loop, edges, over, identity)
         return _exit_code(loop, edges.eyes.refusal)
 
     def _opened(self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Event) -> None:
         self._board.follow(session)
+        if session.sealing is not None and session.sealing.refusal:
+            print(f"autopilot: the log is not signed any more: {session.sealing.refusal}", file=sys.stderr, flush=True)
         _call(asyncio_loop, ready.set)
 
-    async def _serve(self, loop: NodeLoop, edges: Edges, over: asyncio.Event) -> None:
+    async def _serve(self, loop: NodeLoop, edges: Edges, over: asyncio.Event, identity: Identity) -> None:
         """Run the adapters around a loop that records, and end both."""
         resume(self._config, self._board.session, edges, self._inbox, self._origin)
         projecting = Projecting(Path(self._config.node.projections), self._board)
         rejections = Rejections(edges)
+        verdicts = Verdicts(Path(self._config.node.flights), identity, version("autopilot"), self._board)
         tasks = [
             asyncio.create_task(publish_status(self._config.mesh, edges, self._board)),
             asyncio.create_task(record_rejections(rejections, self._inbox)),
             asyncio.create_task(projecting.run()),
+            asyncio.create_task(verdicts.run()),
         ]
         try:
             await edges.start()
@@ -151,6 +157,7 @@ class Daemon:
                 ),
             ),
             self._clock,
+            sealer=Sealer(identity, self._clock),
         )
 
 

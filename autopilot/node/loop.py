@@ -26,6 +26,7 @@ from events.schema import flight_pb2
 from events.schema.orders_pb2 import AckPublished
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered
 from events.store import StoreFailed
+from events.store.reserve import RESERVE_BYTES
 
 # A batch is at most this long, so that an order behind it does not wait for a whole queue.
 BATCH_MOST = 64
@@ -73,6 +74,7 @@ class NodeLoop(threading.Thread):
         self._pending: list[Record] = []
         self._commit_by_ns = 0
         self._disarmed_at_ns: int | None = None
+        self._told_of_full_disk = False
         self._awaited: set[int] = set()  # effects handed over whose outcome is still to come
         self._standing: dict[tuple[str, int, int], Message] = {}
         self.turned_ns = clock.mono_ns()  # when the loop last went round: whether the node is well
@@ -113,12 +115,18 @@ class NodeLoop(threading.Thread):
         self._observe(session, batch)
         if quiet and session.state.next_seq.value == recorded:
             session.store.idle()
-            self._inbox.refuse_orders(False)  # the disk had time to recover; where it did not, the next commit says so
+            # The disk had time to recover; where it did not, the next commit says so.
+            self._inbox.refuse_orders(session.store.reserve_spent)
+        if not self._pending and session.sealing is not None:
+            session.sealing.turn(armed=_armed(session), flight_ns=session.clock.peek_ns())
         return self._follow_if_over(session)
 
     def _observe(self, session: Session, batch: list[Message]) -> None:
         if session.due is not None and session.clock.seconds_until(session.due) <= 0:
             self._add(session, flight_pb2.TimePassed())
+        if session.store.reserve_spent and not self._told_of_full_disk:
+            self._told_of_full_disk = True
+            self._add(session, flight_pb2.DiskFull(reserved_bytes=RESERVE_BYTES))
         for input_class, count in self._inbox.take_dropped().items():
             self._add(session, flight_pb2.InputsDropped(input_class=input_class.value, count=count))
         for observation in batch:
@@ -138,7 +146,7 @@ class NodeLoop(threading.Thread):
         before_ns = self._clock.mono_ns()
         session.store.append(self._pending)
         took_ns = self._clock.mono_ns() - before_ns
-        self._inbox.refuse_orders(took_ns > self._limits.commit_stall_s * 1e9)
+        self._inbox.refuse_orders(session.store.reserve_spent or took_ns > self._limits.commit_stall_s * 1e9)
         durable, self._pending = tuple(self._pending), []
         for record in durable:
             self._note(record)
@@ -173,12 +181,16 @@ class NodeLoop(threading.Thread):
 
     def _watch_arming(self, session: Session) -> None:
         """Note when the vehicle, armed before in this flight, was seen disarmed."""
-        if any(vehicle.armed for vehicle in session.state.vehicles.values()):
+        if _armed(session):
             session.flown, self._disarmed_at_ns = True, None
         elif session.flown and self._disarmed_at_ns is None:
             self._disarmed_at_ns = self._clock.mono_ns()
 
     def _follow_if_over(self, session: Session) -> Session:
+        if self._told_of_full_disk and not _armed(session):
+            self._end(session, flight_pb2.CLOSE_DISK_FULL)
+            session.store.close()
+            raise StoreFailed("the disk is full; the flight was closed in the space that was reserved: free some space")
         disarmed_ns = self._disarmed_at_ns
         if disarmed_ns is None or self._clock.mono_ns() - disarmed_ns < self._close_after_ns:
             return session
@@ -194,7 +206,7 @@ class NodeLoop(threading.Thread):
     def _finish(self, session: Session, stop: Stop) -> None:
         while batch := self._inbox.take(0, BATCH_MOST):
             self._observe(session, batch)
-        if any(vehicle.armed for vehicle in session.state.vehicles.values()):
+        if _armed(session):
             self._commit_rest(session)
         else:
             self._end(session, stop.reason)
@@ -207,3 +219,7 @@ class NodeLoop(threading.Thread):
     def _commit_rest(self, session: Session) -> None:
         if self._pending:
             self._commit(session)
+
+
+def _armed(session: Session) -> bool:
+    return any(vehicle.armed for vehicle in session.state.vehicles.values())

@@ -64,6 +64,8 @@ class _CloseReasonEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_CloseReas
     """The input ended and the configuration says to stop then."""
     CLOSE_REBOOTED: _CloseReason.ValueType  # 6
     """Another boot of the computer: monotonic time can't be joined."""
+    CLOSE_DISK_FULL: _CloseReason.ValueType  # 7
+    """The disk is full, and the vehicle is disarmed."""
 
 class CloseReason(_CloseReason, metaclass=_CloseReasonEnumTypeWrapper):
     """Why a flight ended."""
@@ -81,6 +83,8 @@ CLOSE_INPUT_ENDED: CloseReason.ValueType  # 5
 """The input ended and the configuration says to stop then."""
 CLOSE_REBOOTED: CloseReason.ValueType  # 6
 """Another boot of the computer: monotonic time can't be joined."""
+CLOSE_DISK_FULL: CloseReason.ValueType  # 7
+"""The disk is full, and the vehicle is disarmed."""
 Global___CloseReason: _TypeAlias = CloseReason  # noqa: Y015
 
 @_typing.final
@@ -627,3 +631,149 @@ class SamplesRejected(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SamplesRejected: _TypeAlias = SamplesRejected  # noqa: Y015
+
+@_typing.final
+class LogRecovered(_message.Message):
+    """A start found a log that was not ended in order, nothing that was acknowledged being known to be missing."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FLIGHT_ID_FIELD_NUMBER: _builtins.int
+    FOUND_FIELD_NUMBER: _builtins.int
+    LAST_SEQ_FIELD_NUMBER: _builtins.int
+    LAST_LEAF_FIELD_NUMBER: _builtins.int
+    flight_id: _builtins.bytes
+    """Flight whose log it is: this one, or the one before it."""
+    found: _builtins.str
+    """What was found and done, in words."""
+    last_seq: _builtins.int
+    """Last record that stands."""
+    last_leaf: _builtins.bytes
+    """Its leaf, 32 bytes."""
+    def __init__(
+        self,
+        *,
+        flight_id: _builtins.bytes | None = ...,
+        found: _builtins.str | None = ...,
+        last_seq: _builtins.int | None = ...,
+        last_leaf: _builtins.bytes | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flight_id", b"flight_id", "found", b"found", "last_leaf", b"last_leaf", "last_seq", b"last_seq"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["flight_id", b"flight_id", "found", b"found", "last_leaf", b"last_leaf", "last_seq", b"last_seq"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___LogRecovered: _TypeAlias = LogRecovered  # noqa: Y015
+
+@_typing.final
+class LogDamaged(_message.Message):
+    """A start found a damaged log. It is kept as it was found; this flight was begun in its place."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FLIGHT_ID_FIELD_NUMBER: _builtins.int
+    FOLDER_FIELD_NUMBER: _builtins.int
+    FOUND_FIELD_NUMBER: _builtins.int
+    LAST_SEQ_FIELD_NUMBER: _builtins.int
+    LAST_LEAF_FIELD_NUMBER: _builtins.int
+    HEAD_FILE_SEQ_FIELD_NUMBER: _builtins.int
+    HEAD_FILE_LEAF_FIELD_NUMBER: _builtins.int
+    flight_id: _builtins.bytes
+    """Flight whose log it is; empty where it can't be read."""
+    folder: _builtins.str
+    """Name of the folder in which it is kept."""
+    found: _builtins.str
+    """What was found, in words."""
+    last_seq: _builtins.int
+    """Last record that can be read and holds; absent where there is none."""
+    last_leaf: _builtins.bytes
+    """Its leaf, 32 bytes; absent where there is none."""
+    head_file_seq: _builtins.int
+    """Last record that the head file knew to be durable; absent where it can't be read."""
+    head_file_leaf: _builtins.bytes
+    """Its leaf, 32 bytes; absent where it can't be read."""
+    def __init__(
+        self,
+        *,
+        flight_id: _builtins.bytes | None = ...,
+        folder: _builtins.str | None = ...,
+        found: _builtins.str | None = ...,
+        last_seq: _builtins.int | None = ...,
+        last_leaf: _builtins.bytes | None = ...,
+        head_file_seq: _builtins.int | None = ...,
+        head_file_leaf: _builtins.bytes | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flight_id", b"flight_id", "folder", b"folder", "found", b"found", "head_file_leaf", b"head_file_leaf", "head_file_seq", b"head_file_seq", "last_leaf", b"last_leaf", "last_seq", b"last_seq"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["flight_id", b"flight_id", "folder", b"folder", "found", b"found", "head_file_leaf", b"head_file_leaf", "head_file_seq", b"head_file_seq", "last_leaf", b"last_leaf", "last_seq", b"last_seq"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___LogDamaged: _TypeAlias = LogDamaged  # noqa: Y015
+
+@_typing.final
+class DiskFull(_message.Message):
+    """The disk is full: the space that was reserved for the end of the flight was given up. No orders are taken any more."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    RESERVED_BYTES_FIELD_NUMBER: _builtins.int
+    reserved_bytes: _builtins.int
+    """Space that was reserved, in bytes."""
+    def __init__(
+        self,
+        *,
+        reserved_bytes: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["reserved_bytes", b"reserved_bytes"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["reserved_bytes", b"reserved_bytes"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DiskFull: _TypeAlias = DiskFull  # noqa: Y015
+
+@_typing.final
+class LogKeyCertified(_message.Message):
+    """The key that signs this flight's checkpoints, certified by the node's identity."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CERTIFICATE_FIELD_NUMBER: _builtins.int
+    certificate: _builtins.str
+    """The certificate: a signed note (C2SP signed-note) that names flight and key."""
+    def __init__(
+        self,
+        *,
+        certificate: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["certificate", b"certificate"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["certificate", b"certificate"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___LogKeyCertified: _TypeAlias = LogKeyCertified  # noqa: Y015
+
+@_typing.final
+class SealRefused(_message.Message):
+    """The log is not what the node signed before: nothing more of it is signed."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    BECAUSE_FIELD_NUMBER: _builtins.int
+    because: _builtins.str
+    """What does not fit."""
+    def __init__(
+        self,
+        *,
+        because: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["because", b"because"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["because", b"because"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SealRefused: _TypeAlias = SealRefused  # noqa: Y015

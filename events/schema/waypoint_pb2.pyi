@@ -817,6 +817,8 @@ class NodeStatus(_message.Message):
     LATITUDE_E7_FIELD_NUMBER: _builtins.int
     LONGITUDE_E7_FIELD_NUMBER: _builtins.int
     HEIGHT_MM_FIELD_NUMBER: _builtins.int
+    LOG_CHECKPOINT_FIELD_NUMBER: _builtins.int
+    LOG_KEY_FIELD_NUMBER: _builtins.int
     at_ms: _builtins.int
     """Node's clock, milliseconds since 1970."""
     flight_id: _builtins.bytes
@@ -843,6 +845,10 @@ class NodeStatus(_message.Message):
     """Position, 1e-7 degrees; absent before the first fix."""
     height_mm: _builtins.int
     """Height above home in millimetres; absent before the first fix."""
+    log_checkpoint: _builtins.str
+    """Newest checkpoint of the open flight's log, a signed note (C2SP tlog-checkpoint); absent before the first."""
+    log_key: _builtins.str
+    """Certificate of the key that signs it, a signed note of the device's key."""
     @_builtins.property
     def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___CameraStatus]:
         """Cameras and who holds them."""
@@ -874,10 +880,12 @@ class NodeStatus(_message.Message):
         latitude_e7: _builtins.int | None = ...,
         longitude_e7: _builtins.int | None = ...,
         height_mm: _builtins.int | None = ...,
+        log_checkpoint: _builtins.str | None = ...,
+        log_key: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -18,6 +18,7 @@ class MemoryStore:
         self._secret = secret
         self._rows: list[Stored] = []
         self._chain = Chain(flight_id, secret)
+        self._checkpoints: dict[int, str] = {}
         self._closed = False
 
     @property
@@ -34,6 +35,11 @@ class MemoryStore:
     def head(self) -> Head:
         """The last record's seq and leaf."""
         return Head(len(self._rows) - 1, self._rows[-1].leaf if self._rows else FIRST_LEAF_BEFORE)
+
+    @property
+    def reserve_spent(self) -> bool:
+        """Memory has no disk that could be full."""
+        return False
 
     def append(self, records: Sequence[Record]) -> Head:
         """Keep the records, all or none. Raises ValueError on a gap or a misfit, StoreFailed when closed."""
@@ -59,6 +65,14 @@ class MemoryStore:
         if self._closed:
             raise StoreFailed("the store is closed")
         yield from self._rows[start:stop]
+
+    def checkpoints(self) -> list[tuple[int, str]]:
+        """Return size and signed note of every checkpoint, oldest first."""
+        return sorted(self._checkpoints.items())
+
+    def add_checkpoint(self, size: int, note: str) -> None:
+        """Keep a signed checkpoint."""
+        self._checkpoints[size] = note
 
     def idle(self) -> None:
         """Nothing waits in memory."""

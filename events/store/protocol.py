@@ -41,6 +41,9 @@ class Reader(Protocol):
     def stored(self, start: int = 0, stop: int | None = None) -> Iterator[Stored]:
         """Yield the rows with start <= seq < stop in order, as they lie. Raises StoreFailed."""
 
+    def checkpoints(self) -> list[tuple[int, str]]:
+        """Return size and signed note of every checkpoint, oldest first. They lie outside the chain."""
+
     def close(self) -> None:
         """Let go of the file. Closing twice is harmless."""
 
@@ -48,12 +51,19 @@ class Reader(Protocol):
 class Appender(Reader, Protocol):
     """The one writer of a flight."""
 
+    @property
+    def reserve_spent(self) -> bool:
+        """The disk was full, and the space that was reserved for the end has been given up."""
+
     def append(self, records: Sequence[Record]) -> Head:
         """Make the records durable in one transaction and return the new head.
 
         They must follow the head without a gap and fit their columns (ValueError: nothing was taken, and the
         store goes on). After StoreFailed nothing of them counts and the store takes nothing more.
         """
+
+    def add_checkpoint(self, size: int, note: str) -> None:
+        """Make a signed checkpoint over the first `size` records durable; a newer one of a size replaces the older."""
 
     def idle(self) -> None:
         """Do what is better done while nothing is waiting (moving the WAL into the database)."""

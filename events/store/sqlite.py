@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,9 @@ import apsw
 
 from events.chain import FIRST_LEAF_BEFORE, Chain
 from events.records import Moment, Record, Stored
+from events.store.head import HeadFile
 from events.store.protocol import Head, StoreFailed, StoreMissing
+from events.store.reserve import Reserve
 
 # The WAL-reset race (3.7.0 to 3.51.2) corrupts a database that has two connections, and readers have their own.
 OLDEST_SQLITE = 3_051_003
@@ -42,6 +44,8 @@ CREATE TABLE record (
     leaf BLOB NOT NULL
 );
 """
+# Signed notes, outside the chain. A flight that an older version began gets the table when it is written on.
+_CHECKPOINTS = "CREATE TABLE IF NOT EXISTS checkpoint (size INTEGER PRIMARY KEY, note TEXT NOT NULL)"
 _INSERT = "INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _SELECT = "SELECT * FROM record WHERE seq >= ? AND seq < ? ORDER BY seq"
 _END = (1 << 63) - 1
@@ -76,6 +80,10 @@ class SqliteReader:
         """Yield the rows with start <= seq < stop."""
         return _stored(self._connection, start, stop)
 
+    def checkpoints(self) -> list[tuple[int, str]]:
+        """Return size and signed note of every checkpoint, oldest first."""
+        return _checkpoints(self._connection)
+
     def close(self) -> None:
         """Close the connection."""
         self._connection.close()
@@ -94,8 +102,12 @@ class SqliteStore:
         with _opening(self._connection, path):
             _set_pragmas(self._connection)
             self._connection.set_wal_hook(self._committed)
+            self._begin_wal_anew()
             self.flight_id, self.secret = _identity(self._connection)
+            self._connection.execute(_CHECKPOINTS)
             self.head = _head(self._connection)
+            self._head_file = HeadFile(path.parent)
+        self._reserve = Reserve(path.parent)
         self._chain = Chain(self.flight_id, self.secret, self.head.leaf)
 
     @classmethod
@@ -125,8 +137,7 @@ class SqliteStore:
             raise StoreFailed("the store failed before and takes nothing more")
         try:
             rows = list(self._rows_of(records))
-            with self._connection:
-                self._connection.executemany(_INSERT, rows)
+            self._commit(_INSERT, rows)
         except (struct.error, OverflowError) as error:
             self._chain.leaf = self.head.leaf
             raise ValueError(f"a record does not fit its columns: {error}") from error
@@ -135,6 +146,8 @@ class SqliteStore:
             first = error.__context__ or error  # a full disk ends the transaction, and rolling it back then fails too
             raise StoreFailed(f"the log could not be written: {first}") from error
         self.head = Head(self.head.seq + len(rows), self._chain.leaf)
+        if rows:
+            self._write_head()
         if self._wal_pages >= LOADED_PAGES:
             self._checkpoint()
         return self.head
@@ -143,14 +156,61 @@ class SqliteStore:
         """Yield the rows with start <= seq < stop."""
         return _stored(self._connection, start, stop)
 
+    def checkpoints(self) -> list[tuple[int, str]]:
+        """Return size and signed note of every checkpoint, oldest first."""
+        return _checkpoints(self._connection)
+
+    def add_checkpoint(self, size: int, note: str) -> None:
+        """Commit a signed checkpoint. Raises StoreFailed."""
+        if self._broken:
+            raise StoreFailed("the store failed before and takes nothing more")
+        try:
+            self._commit("INSERT OR REPLACE INTO checkpoint VALUES (?, ?)", [(size, note)])
+        except apsw.Error as error:
+            self._broken = True
+            raise StoreFailed(f"a checkpoint could not be written: {error}") from error
+
     def idle(self) -> None:
         """Move the WAL into the database when it has grown."""
         if self._wal_pages >= IDLE_PAGES and not self._broken:
             self._checkpoint()
 
     def close(self) -> None:
-        """Close the connection; SQLite moves the WAL into the database."""
+        """Close the connection; SQLite moves the WAL into the database. Raises StoreFailed."""
         self._connection.close()
+        self._reserve.release()
+        try:
+            self._head_file.close()
+        except OSError as error:
+            raise StoreFailed(f"the head file could not be written: {error}") from error
+
+    @property
+    def reserve_spent(self) -> bool:
+        """The disk was full, and the space that was reserved for the end has been given up."""
+        return self._reserve.spent
+
+    def _commit(self, statement: str, rows: Sequence[tuple[int | bytes | str, ...]]) -> None:
+        """Commit the rows. A transaction that found the disk full was undone whole, so it may be tried once more."""
+        try:
+            with self._connection:
+                self._connection.executemany(statement, rows)
+        except apsw.Error as error:
+            if not isinstance(error.__context__ or error, apsw.FullError) or not self._reserve.give_up():
+                raise
+            with self._connection:
+                self._connection.executemany(statement, rows)
+
+    def _write_head(self) -> None:
+        try:
+            self._head_file.write(self.head)
+        except OSError as error:
+            self._broken = True
+            raise StoreFailed(f"the head file could not be written: {error}") from error
+
+    def _begin_wal_anew(self) -> None:
+        """Empty the WAL: frames that a torn tail left could be taken later for a commit after a bad frame."""
+        with suppress(apsw.BusyError):  # somebody reads: then the tail stays where it is
+            self._connection.wal_checkpoint(mode=apsw.SQLITE_CHECKPOINT_TRUNCATE)
 
     def _rows_of(self, records: Sequence[Record]) -> Iterator[tuple[int | bytes, ...]]:
         expected = self.head.seq
@@ -170,7 +230,10 @@ class SqliteStore:
     def _checkpoint(self) -> None:
         try:
             self._connection.wal_checkpoint(mode=apsw.SQLITE_CHECKPOINT_PASSIVE)
-        except apsw.Error as error:
+            self._head_file.sync()
+        except apsw.FullError:
+            self._reserve.give_up()  # nothing is lost: what could not be moved is durable where it lies
+        except (apsw.Error, OSError) as error:
             self._broken = True
             raise StoreFailed(f"the log could not be moved out of its WAL: {error}") from error
         self._wal_pages = 0
@@ -239,3 +302,13 @@ def _stored(connection: apsw.Connection, start: int, stop: int | None) -> Iterat
             yield Stored(row[0], row[1], Moment(*row[2:7]), row[7], row[8], row[9], row[10])
     except apsw.Error as error:
         raise StoreFailed(f"the log could not be read: {error}") from error
+
+
+def _checkpoints(connection: apsw.Connection) -> list[tuple[int, str]]:
+    try:
+        if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'checkpoint'").fetchone() is None:
+            return []
+        rows: Any = connection.execute("SELECT size, note FROM checkpoint ORDER BY size")
+        return [(size, note) for size, note in rows]
+    except apsw.Error as error:
+        raise StoreFailed(f"the checkpoints could not be read: {error}") from error

@@ -24,8 +24,9 @@ from autopilot.ground import compose
 from autopilot.ground.issuer import Issuer
 from autopilot.trust.limits import ENVELOPE_BYTES_MAX
 from autopilot.wire.keys import order_key
+from events import Chain, Moment
 from events.schema.eyes_pb2 import EyesChanged
-from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, FlightClosed, SamplesRejected
+from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, FlightClosed, LogDamaged, SamplesRejected
 from events.store import flights_in
 from tests.autopilot.eyes.tiny import CLASSES, model_file, video_file
 from tests.torture.middle import Middle
@@ -217,23 +218,32 @@ def recorded(tmp_path: Path, keys: Path) -> tuple[Path, Path]:
 
 
 @pytest.mark.parametrize("what", ["cut", "foreign"])
-def test_a_log_that_is_none_is_not_written_over(tmp_path: Path, keys: Path, what: str) -> None:
-    """Cut in the middle, or another file under its name: an error that names it, and it stays as it is."""
+def test_a_log_that_is_none_is_kept(tmp_path: Path, keys: Path, what: str) -> None:
+    """Cut in the middle, or another file under its name: it stays as it is, and the next flight says so."""
     config, log = recorded(tmp_path, keys)
     for beside in log.parent.glob("flight.db-*"):
         beside.unlink()
     broken = {"cut": log.read_bytes()[:5000], "foreign": b"These are my notes." * 300}[what]
     log.write_bytes(broken)
-    check_refused(config, os.EX_IOERR, "flight.db")
+    assert daemons.ended(daemons.started(config))[0] == 0
     assert log.read_bytes() == broken
-    assert len(flights_in(tmp_path / "flights")) == 1
+    (told,) = [record.message for record in daemons.log(tmp_path) if isinstance(record.message, LogDamaged)]
+    assert (told.folder, len(flights_in(tmp_path / "flights"))) == (log.parent.name, 2)
 
 
 def test_a_log_of_a_newer_version_is_left_alone(tmp_path: Path, keys: Path) -> None:
     """A kind of record that this software does not know: said in one line, and nothing is added to it."""
     config, log = recorded(tmp_path, keys)
     connection = apsw.Connection(str(log))
-    connection.execute("UPDATE record SET kind = 60000 WHERE seq = 2")
+    rows: Any = connection.execute("SELECT name, value FROM meta").fetchall()
+    meta = dict(rows)
+    last: Any = connection.execute("SELECT seq, leaf FROM record ORDER BY seq DESC LIMIT 1").fetchone()
+    seq, leaf = last
+    newer = (seq + 1, -1, *Moment(1 << 40, 0, 1, 0, 2), 60_000, 1, b"newer")
+    sealed = Chain(meta["flight_id"], meta["secret"], leaf).extend(
+        seq + 1, -1, Moment(1 << 40, 0, 1, 0, 2), 60_000, 1, b"newer"
+    )
+    connection.execute(f"INSERT INTO record VALUES ({', '.join('?' * 11)})", (*newer, sealed))
     connection.close()
     check_refused(config, os.EX_DATAERR, "no event kind has number 60000")
     assert len(flights_in(tmp_path / "flights")) == 1

@@ -99,3 +99,19 @@ def test_it_leaves_files_where_they_belong(demo: tuple[Path, subprocess.Complete
     files = [path for path in secret if path.is_file() and (path.name in names or path.suffix in (".key", ".secret"))]
     assert len(files) > 10
     assert [path for path in files if path.stat().st_mode & 0o777 != 0o600] == []
+
+
+def test_what_it_did_can_be_proved(demo: tuple[Path, subprocess.CompletedProcess[str]], tmp_path: Path) -> None:
+    """By the commands alone; its key is gone, and the operators have kept what it signed."""
+    folder = Path(said(demo)["flight"])
+    reader = read_flight(folder)
+    acks = [stored.seq for stored in reader.stored() if read_record(stored).kind.name == "send_ack"]
+    reader.close()
+    proof = str(tmp_path / "proof.json")
+    for words in (["export", "proof", str(folder), "--seq", str(acks[-1]), proof], ["verify", proof]):
+        run = subprocess.run([AUTOPILOT, *words], capture_output=True, text=True, timeout=60, check=False)
+        assert run.returncode == 0, run.stderr
+    assert run.stdout.startswith(f"Proved: record {acks[-1]}")
+    assert not (folder / "log_key").exists()
+    kept = {path.name for path in demo[0].glob("**/witness/*")}
+    assert kept == {"wasp-01.json"}

@@ -130,3 +130,33 @@ def test_a_bar_for_those_who_look() -> None:
     bar(1, 2)
     bar.end()
     assert silent.getvalue() == ""
+
+
+def test_check_a_sound_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit 0; the last record and the head are named."""
+    folder = story_on_disk(tmp_path)
+    out = check_command(["replay", "check", str(folder)], 0, capsys, "sound: records 0 to 115 hold, last leaf ")
+    assert "\nhead: record 115, leaf " in out
+    plain = json.loads(check_command(["replay", "check", str(folder / "flight.db"), "--json"], 0, capsys))
+    assert (plain["sound"], plain["records"], plain["head"]["seq"], plain["action"]) == (True, 116, 115, "go_on")
+
+
+def test_check_a_wrong_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit 65: edited, without its head, and no database at all; what a start would do is said."""
+    folder = story_on_disk(tmp_path)
+    (folder / "head").unlink()
+    check_command(["replay", "check", str(folder)], 65, capsys, "wrong: records 0 to 115 hold")
+    tampered(folder)
+    out = check_command(["replay", "check", str(folder)], 65, capsys, "record 40: its leaf is not the hash")
+    assert "a start would: keep it as it was found" in out
+    plain = json.loads(check_command(["replay", "check", str(folder), "--json"], 65, capsys))
+    assert (plain["last_seq"], plain["facts"]["records"], plain["head"]) == (39, "broken", None)
+    (folder / "flight.db").write_bytes(b"no database" * 1000)
+    check_command(["replay", "check", str(folder)], 65, capsys, "no record can be read")
+
+
+def test_check_what_can_not_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit 66 where there is none, 74 where the system does not let it be read."""
+    check_command(["replay", "check", str(tmp_path)], 66, capsys, err="there is no log at")
+    (tmp_path / "flight.db").mkdir()
+    check_command(["replay", "check", str(tmp_path)], 74, capsys, "a start would: record nothing")

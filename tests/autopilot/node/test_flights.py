@@ -84,8 +84,9 @@ def test_a_start_goes_on_by_evolving_only(begin: Begin) -> None:
         restore(durable, step)
     node.kill()
     again = begin()
-    session = again.flights._last(flights_in(again.root), again.heard.extend)
+    session, found = again.flights._last(flights_in(again.root), again.heard.extend)
     assert session is not None
+    assert found == []
     check_same(durable, session.state)
 
 

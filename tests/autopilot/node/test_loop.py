@@ -10,9 +10,10 @@ import pytest
 from autopilot.node.daemon import _exit_code
 from autopilot.node.loop import Stop
 from autopilot.ports.edges import InputClass
-from events.schema.flight_pb2 import CLOSE_STOPPED, InputsDropped, OriginSet
+from events.schema.flight_pb2 import CLOSE_DISK_FULL, CLOSE_STOPPED, InputsDropped, OriginSet
 from events.schema.vehicle_pb2 import GimbalReported
-from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind
+from events.store import StoreFailed
+from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind, vehicle_state
 from tests.flights import answered, frame, gimbal, place, point_at_place, published, received, sent
 
 
@@ -136,6 +137,39 @@ def test_a_disk_that_fails_ends_the_loop_and_nothing_of_it_is_performed(node: No
     assert (node.ended, node.performed) == (True, [])
     assert "order_received" not in node.kinds()
     assert _exit_code(node.loop, None) == os.EX_IOERR
+
+
+def run_to_failure(node: Node) -> StoreFailed:
+    """Go round until the loop gives up."""
+    with pytest.raises(StoreFailed) as failed:
+        node.turn()
+    return failed.value
+
+
+def test_a_full_disk_on_the_ground_closes_the_flight_in_order(node: Node) -> None:
+    """It is told, no order is taken any more, and the process ends with the flight closed."""
+    node.tell(vehicle_state(armed=False))
+    node.turn(after_ms=200)
+    node.session.store._store._reserve.give_up()  # type: ignore[attr-defined]
+    assert "the disk is full" in str(run_to_failure(node))
+    assert node.kinds()[-2:] == ["disk_full", "flight_closed"]
+    assert [one.reason for one in of_kind(node.log(), "flight_closed")] == [CLOSE_DISK_FULL]
+    assert not node.inbox.offer(InputClass.ORDER, point_at_place("a1"))
+
+
+def test_a_full_disk_in_the_air_does_not_end_the_flight(node: Node) -> None:
+    """It is told once, orders are refused, what happens is recorded on; once disarmed the flight is closed."""
+    node.session.store._store._reserve.give_up()  # type: ignore[attr-defined]
+    node.turn()
+    node.turn()
+    assert not node.inbox.offer(InputClass.ORDER, point_at_place("a1"))
+    node.tell(gimbal(0, 0), input_class=InputClass.TELEMETRY)
+    node.turn(after_ms=200)
+    assert node.kinds()[-2:] == ["disk_full", "gimbal_reported"]
+    assert node.inbox.offer(InputClass.OUTCOME, vehicle_state(armed=False))
+    run_to_failure(node)
+    assert node.kinds()[-2:] == ["vehicle_state_reported", "flight_closed"]
+    assert node.kinds().count("disk_full") == 1
 
 
 class _Opened:

@@ -152,3 +152,13 @@ def test_any_sequence_of_batches(steps: list[tuple[int, str]]) -> None:
         check_holds(reader, batch(0, memory.head.seq + 1))
         reader.close()
         sqlite.close()
+
+
+def test_checkpoints_lie_beside_the_records(store: Appender) -> None:
+    """By size, the newest of each; they touch neither head nor chain."""
+    assert store.checkpoints() == []
+    store.append(batch(0, 3))
+    for size, note in ((3, "three"), (1, "one"), (3, "three again")):
+        store.add_checkpoint(size, note)
+    assert store.checkpoints() == [(1, "one"), (3, "three again")]
+    check_holds(store, batch(0, 3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from hashlib import sha256
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import apsw
 import pytest
 
 from events.store import SqliteReader, SqliteStore, StoreFailed, StoreMissing, sqlite
+from events.store.reserve import RESERVE_BYTES
 from tests.checks import check_equal
 from tests.events.store.test_contract import FLIGHT_ID, SECRET, batch, check_holds
 
@@ -90,7 +92,7 @@ def test_a_log_is_there_whole_or_not_at_all(path: Path) -> None:
     check_equal(path.exists(), False)
     path.with_name("flight.db.new").unlink()
     SqliteStore.create(path, FLIGHT_ID, SECRET).close()
-    check_equal([file.name for file in path.parent.iterdir()], ["flight.db"])
+    check_equal(sorted(file.name for file in path.parent.iterdir()), ["flight.db", "head"])
     check_fails("unable to open", SqliteStore.create, path / "no" / "folder", FLIGHT_ID, SECRET)
 
 
@@ -152,6 +154,63 @@ def test_a_full_disk(path: Path, store: SqliteStore) -> None:
     check_holds(again, batch(0, 5))
     again.append(batch(5, 6))
     check_holds(again, batch(0, 6))
+    again.close()
+
+
+def test_a_full_disk_with_space_reserved(path: Path, store: SqliteStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The batch that met it is written in the space that is given up, once; the next time the log ends."""
+    reserve = path.with_name("reserve")
+    assert (reserve.stat().st_size, reserve.stat().st_blocks * 512 >= RESERVE_BYTES) == (RESERVE_BYTES, True)
+    pages = store._connection.pragma("page_count")
+    store._connection.pragma("max_page_count", pages)
+    give_up = store._reserve.give_up
+
+    def room() -> bool:
+        store._connection.pragma("max_page_count", pages + 20)
+        return give_up()
+
+    monkeypatch.setattr(store._reserve, "give_up", room)
+    check_equal(store.reserve_spent, False)
+    store.append(batch(0, 100))
+    check_equal((store.reserve_spent, reserve.exists()), (True, False))
+    check_holds(store, batch(0, 100))
+    check_fails("could not be written.*full", store.append, batch(100, 3000))
+    store.close()
+    again = SqliteStore(path)
+    check_equal((again.reserve_spent, reserve.exists()), (False, True))
+    check_holds(again, batch(0, 100))
+    again.close()
+    check_equal(reserve.exists(), False)
+
+
+def test_a_checkpoint_note_on_a_full_disk(store: SqliteStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It too is written in the space that is given up."""
+    pages = store._connection.pragma("page_count")
+    store._connection.pragma("max_page_count", pages)
+    give_up = store._reserve.give_up
+
+    def room() -> bool:
+        store._connection.pragma("max_page_count", pages + 20)
+        return give_up()
+
+    monkeypatch.setattr(store._reserve, "give_up", room)
+    store.add_checkpoint(0, "n" * 9000)
+    check_equal((store.reserve_spent, store.checkpoints()), (True, [(0, "n" * 9000)]))
+    store.close()
+
+
+def test_where_no_space_can_be_reserved(path: Path, store: SqliteStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It goes without, and a full disk ends the log at once."""
+    store.close()
+
+    def full(_descriptor: int, _offset: int, _length: int) -> None:
+        raise OSError("no space for a test")
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    again = SqliteStore(path)
+    again._connection.pragma("max_page_count", again._connection.pragma("page_count"))
+    check_equal(path.with_name("reserve").exists(), False)
+    check_fails("could not be written.*full", again.append, batch(0, 500))
     again.close()
 
 

@@ -1,0 +1,94 @@
+"""`autopilot verify`: whether a proof holds, and what it proves. Offline, without keys; it reads the one file.
+
+The judging is done by `autopilot.ground.verifier`, which knows nothing of the rest; here its answer is put into words.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from autopilot.ground.verifier import BYTES_MAX, ProofRefused, Proved, check
+from events.records import Moment, Stored
+from replay.causes import line
+from replay.show import line_text
+
+_EXAMPLES = """\
+examples:
+  autopilot verify proof.json
+  autopilot verify proof.json --root node/keys/trust_root
+
+exit codes: 0 it holds, 65 it does not, 66 there is no such file
+"""
+_DESCRIPTION = """\
+Check a proof that `autopilot export proof` wrote, and say what it proves and what not. Nothing but the file is needed;
+with --root the proof must rest on the trust root that you have yourself.
+"""
+
+
+def add(commands: Any) -> None:
+    """Add the command to the program's."""
+    made = commands.add_parser(
+        "verify",
+        help="check the proof of a recorded decision, offline",
+        description=_DESCRIPTION,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.add_argument("file", metavar="FILE", help="the proof")
+    made.add_argument("--root", default="", metavar="FILE", help="trust root that you know to be the right one")
+    made.add_argument("--json", action="store_true", help="print what is proved as one JSON object")
+    made.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Check a proof; return the exit code."""
+    try:
+        data = _read(args.file)
+        root = _read(args.root) if args.root else None
+    except OSError as error:
+        print(f"autopilot verify: {error.filename}: {error.strerror}", file=sys.stderr)
+        return os.EX_NOINPUT
+    try:
+        proved = check(data, root)
+    except ProofRefused as error:
+        print(f"autopilot verify: refused: {error}", file=sys.stderr)
+        return os.EX_DATAERR
+    if args.json:
+        print(json.dumps(_plain(proved), sort_keys=True))
+        return os.EX_OK
+    print(proved.words())
+    for text in _lines(proved):
+        print(text)
+    return os.EX_OK
+
+
+def _read(path: str) -> bytes:
+    with Path(path).open("rb") as file:
+        return file.read(BYTES_MAX + 1)
+
+
+def _lines(proved: Proved) -> Iterator[str]:
+    """Yield what the records say, as far as this version knows their kinds."""
+    for one in proved.records:
+        at = Moment(0, 0, 0, one.wall_ns, 0)
+        yield line_text(line(Stored(one.seq, one.cause, at, one.kind, one.version, one.body, b"")))
+
+
+def _plain(proved: Proved) -> dict[str, Any]:
+    return {
+        "deployment": proved.deployment,
+        "node": proved.node,
+        "flight": proved.flight,
+        "flight_id": proved.flight_id.hex(),
+        "signed_records": proved.size,
+        "signed_flight_ns": proved.signed_flight_ns,
+        "trust_root_sha256": proved.trust_root,
+        "records": [one.seq for one in proved.records],
+        "words": proved.words(),
+    }
