@@ -11,6 +11,7 @@ import contextlib
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Awaitable, Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -37,6 +38,11 @@ from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, Model
 
 # Without a turn of the loop for this long the node is not well, and its heartbeat stops.
 UNWELL_AFTER_NS = 3_000_000_000
+UPKEEP_AGAIN_S = 1.0
+
+
+class BadAddress(Exception):
+    """The configuration names an address that can't be used; the text names the key."""
 
 
 class Daemon:
@@ -63,7 +69,7 @@ class Daemon:
             return _say(f"[node] keys: {error}", os.EX_NOPERM if loose else os.EX_CONFIG)
         except FolderTaken as error:
             return _say(f"[node] flights: {error}", os.EX_UNAVAILABLE)
-        except ValueError as error:
+        except BadAddress as error:
             return _say(str(error), os.EX_CONFIG)
         except OSError as error:
             return _say(str(error), os.EX_IOERR)
@@ -101,12 +107,12 @@ class Daemon:
         projecting = Projecting(Path(self._config.node.projections), self._board)
         rejections = Rejections(edges)
         tasks = [
-            asyncio.create_task(publish_status(self._config.mesh, edges, self._board)),
-            asyncio.create_task(record_rejections(rejections, self._inbox)),
-            asyncio.create_task(projecting.run()),
+            asyncio.create_task(_kept_up(lambda: publish_status(self._config.mesh, edges, self._board))),
+            asyncio.create_task(_kept_up(lambda: record_rejections(rejections, self._inbox))),
+            asyncio.create_task(_kept_up(projecting.run)),
         ]
         try:
-            await edges.start()
+            await _start(edges)
             print(f"autopilot: recording in {self._board.session.flight.folder}", file=sys.stderr, flush=True)
             await _first(self._asked_to_stop.wait(), self._input_ended(edges), over.wait())
         finally:
@@ -152,6 +158,24 @@ class Daemon:
             ),
             self._clock,
         )
+
+
+async def _start(edges: Edges) -> None:
+    """Start the adapters. Raises BadAddress and OSError."""
+    try:
+        await edges.start()
+    except ValueError as error:
+        raise BadAddress(str(error)) from error
+
+
+async def _kept_up(work: Callable[[], Awaitable[None]]) -> None:
+    """Do the work until it is done; a defect in it is said and must not end the flight."""
+    while True:
+        try:
+            return await work()
+        except Exception:  # noqa: BLE001 - upkeep: nothing that is decided or performed depends on it
+            print(f"autopilot: upkeep failed and begins again:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+            await asyncio.sleep(UPKEEP_AGAIN_S)
 
 
 async def _first(*waits: Awaitable[object]) -> None:
