@@ -39,6 +39,8 @@ from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, Model
 # Without a turn of the loop for this long the node is not well, and its heartbeat stops.
 UNWELL_AFTER_NS = 3_000_000_000
 UPKEEP_AGAIN_S = 1.0
+# How long the end waits for orders that came before it.
+LAST_ORDERS_S = 1.0
 
 
 class BadAddress(Exception):
@@ -52,7 +54,7 @@ class Daemon:
         self._config = config
         self._clock = HostClock()
         self._origin = Origin()
-        self._inbox = Inbox(config.limits)
+        self._inbox = Inbox(config.limits, self._clock)
         self._board = Board(lambda: self._clock.wall_ns() // 1_000_000)
         self._asked_to_stop = asyncio.Event()
 
@@ -117,6 +119,7 @@ class Daemon:
             await _first(self._asked_to_stop.wait(), self._input_ended(edges), over.wait())
         finally:
             try:
+                await self._take_what_waits(loop)
                 await edges.stop()
             finally:  # whatever an adapter does, the log gets its end
                 report_rejections(rejections, self._inbox)
@@ -126,6 +129,14 @@ class Daemon:
                     task.cancel()
                 await asyncio.gather(*tasks, return_exceptions=True)
                 await projecting.finish()
+
+    async def _take_what_waits(self, loop: NodeLoop) -> None:
+        """Let the loop take the orders that wait while somebody can still perform them."""
+        self._inbox.close_to_orders()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(LAST_ORDERS_S):
+                while loop.is_alive() and not self._inbox.empty:
+                    await asyncio.sleep(LAST_ORDERS_S / 100)
 
     async def _input_ended(self, edges: Edges) -> None:
         """Wait for the end of the input where that is the end: as configured, or because it can never begin."""

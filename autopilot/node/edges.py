@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from autopilot.adapters.eyes import Eyes
 from autopilot.adapters.mesh import MeshAdapter
 from autopilot.adapters.vehicle import VehicleLink
-from autopilot.geo import Origin
+from autopilot.geo import LocalFrame, Origin
 from autopilot.node.flights import Session
 from autopilot.node.inbox import Inbox
 from autopilot.ports.config import Config
@@ -24,6 +24,7 @@ from events.schema.flight_pb2 import OriginSet
 from statecharts import State
 
 NS_PER_MS = 1_000_000
+OFFER_AGAIN_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +103,18 @@ def resume(config: Config, session: Session, edges: Edges, inbox: Inbox, origin:
 
 
 def set_origin(origin: Origin, inbox: Inbox, position: tuple[float, float, float], source: str) -> None:
-    """Set the origin of the local frame and record it; only the first time counts."""
-    if origin.frame is None:
-        inbox.offer(InputClass.OUTCOME, OriginSet(place=origin.set(*position), source=source))
+    """Record the origin of the local frame and then use it; only the first time counts. On the asyncio loop.
+
+    While the inbox has no room nothing has a place: a place whose origin the log does not know means nothing.
+    """
+    if origin.frame is not None:
+        return
+    place = LocalFrame(*position).place(*position)
+    if inbox.offer(InputClass.OUTCOME, OriginSet(place=place, source=source)):
+        origin.set(*position)
+    else:
+        again = asyncio.get_running_loop()
+        again.call_later(OFFER_AGAIN_S, lambda: set_origin(origin, inbox, position, source))
 
 
 def _configured_origin(config: Config) -> tuple[float, float, float] | None:
