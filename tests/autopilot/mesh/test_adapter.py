@@ -176,7 +176,13 @@ def test_the_bounds_themselves_are_inside() -> None:
 
 
 def test_without_an_origin_there_is_no_place() -> None:
-    check_malformed("no origin yet", command(camera_roi=CameraRoi(lat_e7=1)), has_origin=False)
+    """The order goes to the core all the same, which refuses it once and for good."""
+    node = Node(has_origin=False)
+    content = command(camera_roi=CameraRoi(lat_e7=1, altitude_dm=3))
+    node.adapter.receive(KEY, Forge(people().alice, content=content).envelope())
+    ((_, observation),) = node.offered
+    assert isinstance(observation, OrderReceived)
+    assert observation.point_at_place.place == Place(latitude_e7=1, longitude_e7=0, altitude_mm=300)
 
 
 def test_a_key_with_an_odd_id_is_answered_on_that_key() -> None:
