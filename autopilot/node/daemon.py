@@ -19,8 +19,8 @@ from pathlib import Path
 from autopilot.adapters.eyes import model_sha256
 from autopilot.geo import Origin
 from autopilot.node.board import Board
-from autopilot.node.clock import HostClock, boot_id
-from autopilot.node.edges import Edges, make_edges, resume
+from autopilot.node.clock import boot_id
+from autopilot.node.edges import Edges, Remembered, make_edges, remembered, resume
 from autopilot.node.flights import Flights, Session
 from autopilot.node.flights import Identity as NodeIdentity
 from autopilot.node.inbox import Inbox
@@ -30,6 +30,7 @@ from autopilot.node.loop import NodeLoop, Stop
 from autopilot.node.projecting import Projecting
 from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
 from autopilot.ports.config import Config
+from autopilot.trust.clock import HostClock
 from autopilot.trust.identity import Identity, IdentityError, load_identity
 from autopilot.trust.keys import SecretFileError
 from events.kinds import UnknownKind
@@ -78,7 +79,7 @@ class Daemon:
 
     async def _live(self, identity: Identity) -> int:
         asyncio_loop, over = asyncio.get_running_loop(), asyncio.Event()
-        ready = asyncio.Event()
+        ready: asyncio.Future[Remembered] = asyncio_loop.create_future()
         self._board.attend(asyncio_loop)
         edges: Edges
         loop = NodeLoop(
@@ -94,18 +95,22 @@ class Daemon:
         )
         edges = make_edges(self._config, identity, self._clock, self._inbox, self._origin, lambda: self._is_well(loop))
         loop.start()
-        await _first(ready.wait(), over.wait())
-        if ready.is_set():
-            await self._serve(loop, edges, over)
+        await _first(asyncio.shield(ready), over.wait())
+        if ready.done():
+            await self._serve(loop, edges, over, ready.result())
         return _exit_code(loop, edges.eyes.refusal)
 
-    def _opened(self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Event) -> None:
+    def _opened(
+        self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Future[Remembered]
+    ) -> None:
+        """Follow a session that was opened. On the node's thread, which owns its state."""
         self._board.follow(session)
-        _call(asyncio_loop, ready.set)
+        memory = remembered(session)
+        _call(asyncio_loop, lambda: _settle(ready, memory))
 
-    async def _serve(self, loop: NodeLoop, edges: Edges, over: asyncio.Event) -> None:
+    async def _serve(self, loop: NodeLoop, edges: Edges, over: asyncio.Event, memory: Remembered) -> None:
         """Run the adapters around a loop that records, and end both."""
-        resume(self._config, self._board.session, edges, self._inbox, self._origin)
+        resume(self._config, memory, edges, self._inbox, self._origin)
         projecting = Projecting(Path(self._config.node.projections), self._board)
         rejections = Rejections(edges)
         tasks = [
@@ -201,6 +206,12 @@ def _call(asyncio_loop: asyncio.AbstractEventLoop, call: Callable[[], object]) -
     """Call on the asyncio loop; one that is closing has nothing left to do."""
     with contextlib.suppress(RuntimeError):
         asyncio_loop.call_soon_threadsafe(call)
+
+
+def _settle(ready: asyncio.Future[Remembered], memory: Remembered) -> None:
+    """Say that the log is open; only the first session of a process is waited for."""
+    if not ready.done():
+        ready.set_result(memory)
 
 
 def _exit_code(loop: NodeLoop, refusal: str | None) -> int:

@@ -21,7 +21,7 @@ from autopilot.wire.keys import ack_key, status_key
 from events.schema.orders_pb2 import AckPublished
 from events.schema.waypoint_pb2 import CommandAck, NodeStatus
 
-ACK_PATIENCE_S = 15.0  # longer than an order lives by default: nobody waits for a later answer
+ACK_PATIENCE_S = TTL_MS_MAX / 1000  # as long as an order can live: nobody waits for a later answer
 ACKS_WAITING_MAX = 1024  # as the node's own bound on outcomes
 STATUS_TTL_MS = 10_000  # an older status misleads
 POLL_S = 0.1  # how often a link that is down is looked at while something waits

@@ -272,7 +272,7 @@ def test_an_answer_waits_for_the_link_and_is_given_up_in_time() -> None:
     node.wire.up = False
     node.adapter.perform(1, ACK, node.clock.mono_ns())
     assert node.turn()
-    node.clock.now_ms += 14_999
+    node.clock.now_ms += 29_999
     node.adapter.perform(2, ACK, node.clock.mono_ns())
     assert node.turn()
     assert node.offered == []
