@@ -8,7 +8,9 @@ issuer publishes its order again, and the stored result is the answer.
 
 from __future__ import annotations
 
+import sys
 import threading
+import traceback
 from collections import deque
 from dataclasses import dataclass
 
@@ -138,5 +140,13 @@ class Outbox:
                 idle = self._status is None and not self._answers and not self._outcomes
                 if not self._stopped and (idle or (waiting and self._status is None)):
                     self._wake.wait(POLL_S if waiting else None)
-            waiting = self.turn()
+            waiting = self._surely_turned()
         self.turn()
+
+    def _surely_turned(self) -> bool:
+        """Turn; a defect over one message must not silence all that come after it."""
+        try:
+            return self.turn()
+        except Exception:  # noqa: BLE001 - the boundary of the thread
+            print(f"autopilot: an answer or a status failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+            return False

@@ -365,3 +365,28 @@ def test_keys_come_apart_as_they_were_put_together() -> None:
     ]
     assert [take(key) for take, key in odd] == [None] * len(odd)
     assert len({channel.pattern for channel in keys.CHANNELS}) == len(keys.CHANNELS)
+
+
+def test_a_defect_over_one_message_does_not_silence_the_rest(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The outbox says it and goes on."""
+    node = Node()
+
+    def broken() -> bool:
+        raise RuntimeError("odd")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(node.adapter._outbox, "turn", broken)
+        assert not node.adapter._outbox._surely_turned()
+    assert "odd" in capsys.readouterr().err
+    node.adapter.perform(1, ACK, node.clock.mono_ns())
+    assert not node.adapter._outbox._surely_turned()
+    assert node.offered == [(InputClass.OUTCOME, AckPublished(effect_seq=1))]
+
+
+def test_the_status_names_the_list_that_the_node_holds() -> None:
+    """So that whoever holds a newer one sees that this node does not."""
+    node, status = Node(), NodeStatus(at_ms=1)
+    node.adapter.publish_status(status)
+    assert status.revocation_version == people().alice.revocations.version
