@@ -139,7 +139,7 @@ class MeshAdapter:
         ack = CommandAck(
             command_id=observation.command_id,
             result=AckResult.ACK_REJECTED,
-            detail="busy: this node's inbox is full",
+            detail="busy: this node takes no orders just now",
             result_state=ResultState.PENDING,
         )
         self._queue(None, observation.in_reply_to, ack, self._clock.mono_ns())
