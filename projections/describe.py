@@ -261,4 +261,5 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "camera_taken": _taken,
     "poi_joined": _joined,
     "sighting_muted": _muted,
+    "poi_left": lambda one: f"object {one.object} has moved away from finding {one.poi_id}",
 }

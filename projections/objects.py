@@ -20,6 +20,7 @@ from events.schema.findings_pb2 import (
     NEW,
     ItemIgnored,
     PoiJoined,
+    PoiLeft,
     PoiOpened,
     Sighting,
     SightingMuted,
@@ -285,6 +286,10 @@ def _muted(objects: Objects, _record: Record, muted: SightingMuted) -> None:
     _count_muted(objects, muted.poi_id)
 
 
+def _left(objects: Objects, _record: Record, left: PoiLeft) -> None:
+    objects.objects.put(left.object, replace(objects.objects[left.object], poi_id="", muted_by=""))
+
+
 def _count_muted(objects: Objects, poi_id: str) -> None:
     item = objects.ignored[poi_id]
     objects.ignored.put(poi_id, replace(item, muted=item.muted + 1))
@@ -299,6 +304,7 @@ _CHANGES: dict[str, Callable[[Objects, Record, Any], None]] = {
     "poi_joined": _belongs,
     "item_ignored": _ignored,
     "sighting_muted": _muted,
+    "poi_left": _left,
 }
 
 PROJECTION = Projection("objects", 1, start, apply, tables)

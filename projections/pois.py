@@ -12,7 +12,7 @@ from typing import Any
 from events.ids import uuid_of
 from events.records import Record
 from events.schema.common_pb2 import Moved
-from events.schema.findings_pb2 import PoiJoined, PoiOpened, SightingMuted, SightingsClassified
+from events.schema.findings_pb2 import PoiJoined, PoiLeft, PoiOpened, SightingMuted, SightingsClassified
 from events.schema.flight_pb2 import BaselineCarried, FlightOpened
 from events.schema.orders_pb2 import OrderReceived
 from projections.picture import Bounds
@@ -138,6 +138,10 @@ def _muted(pois: Pois, _record: Record, muted: SightingMuted) -> None:
     pois.poi_of.pop(muted.object, None)
 
 
+def _left(pois: Pois, _record: Record, left: PoiLeft) -> None:
+    pois.poi_of.pop(left.object, None)
+
+
 def _moved(pois: Pois, record: Record, moved: Moved) -> None:
     if moved.chart != "poi":
         return
@@ -168,6 +172,7 @@ _CHANGES: dict[str, Callable[[Pois, Record, Any], None]] = {
     "poi_opened": _opened,
     "poi_joined": _joined,
     "sighting_muted": _muted,
+    "poi_left": _left,
     "moved": _moved,
 }
 

@@ -15,7 +15,7 @@ from events.ids import uuid_of
 from events.records import Record
 from events.schema.common_pb2 import Moved
 from events.schema.eyes_pb2 import EyesChanged
-from events.schema.findings_pb2 import NEW, CameraTaken, PoiJoined, PoiOpened, SightingsClassified
+from events.schema.findings_pb2 import NEW, CameraTaken, PoiJoined, PoiLeft, PoiOpened, SightingsClassified
 from events.schema.flight_pb2 import (
     BaselineCarried,
     FlightClosed,
@@ -280,6 +280,10 @@ def _poi_joined(picture: Picture, _record: Record, joined: PoiJoined) -> Picture
     return replace(picture, members={**picture.members, joined.object: joined.poi_id})
 
 
+def _poi_left(picture: Picture, _record: Record, left: PoiLeft) -> Picture:
+    return replace(picture, members={thing: poi for thing, poi in picture.members.items() if thing != left.object})
+
+
 def _poi_moved(picture: Picture, record: Record, moved: Moved) -> Picture:
     pois = _counted(_counted(picture.pois, moved.from_state, -1), moved.to_state)
     waiting = dict(picture.waiting)
@@ -337,5 +341,6 @@ _CHANGES: dict[str, _Change] = {
     "sightings_classified": _classified,
     "poi_opened": _poi_opened,
     "poi_joined": _poi_joined,
+    "poi_left": _poi_left,
     "item_ignored": _ignored,
 }

@@ -44,7 +44,9 @@ class Verdict:
     flight_id: str  # hex
     records: int  # records whose chain held
     decisions: int  # decisions that were compared
-    first: Divergence | None = None
+    first: Divergence | None = (
+        None  # for a broken chain: what the broken record should have said, where replay can tell
+    )
     further: int = 0  # further steps that diverge
     seq: int | None = None  # where the chain breaks or reading ends
     detail: str = ""  # why, for a broken chain or an unreadable log
@@ -64,7 +66,8 @@ class Verdict:
             case Outcome.DIVERGES:
                 first = self.first.words() if self.first else ""
                 return f"diverges: {first}; further steps that diverge: {self.further} ({counted})"
-        return f"{self.outcome.value}: {self.detail} ({counted})"
+        differs = f"; {self.first.words()}" if self.first else ""
+        return f"{self.outcome.value}: {self.detail}{differs} ({counted})"
 
     def plain(self) -> dict[str, Any]:
         """Return the verdict as a JSON-able structure."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 from google.protobuf.message import DecodeError
 
@@ -93,6 +94,7 @@ class _Run:
             try:
                 check(stored)
             except ChainBroken as error:
+                self._look_closer(recorded, stored)
                 raise _Ended(Outcome.BROKEN, expected, str(error)) from error
             if stored.kind_number in observations and recorded:
                 self._step(recorded)
@@ -121,6 +123,24 @@ class _Run:
             detail=detail,
             leaf=self.sealed.leaf.hex(),
         )
+
+    def _look_closer(self, recorded: list[Stored], broken: Stored) -> None:
+        """Replay the step that a broken record lies in, so that the verdict can say what the record should have said.
+
+        What can't be replayed says nothing more than that its chain is broken.
+        """
+        decisions = self.decisions
+        step_of = [] if broken.kind_number in _OBSERVATIONS else recorded
+        if not step_of and recorded:
+            self._step(recorded)
+        rows = [*step_of, broken]
+        for stored in self.reader.stored(broken.seq + 1):
+            if stored.kind_number in _OBSERVATIONS:
+                break
+            rows.append(stored)
+        with suppress(_Ended, Exception):
+            self._step(rows)
+        self.decisions = decisions
 
     def _step(self, recorded: Sequence[Stored]) -> None:
         """Replay one step and compare it. Raises _Ended where it can't be read."""

@@ -15,6 +15,7 @@ from hashlib import sha256
 from events.kinds import Role
 from events.records import Record, make_record
 from events.schema.flight_pb2 import StepFailed
+from events.schema.orders_pb2 import OrderReceived
 from statecharts.charts import CHARTS, PARTS, PLAIN
 from statecharts.part import Evolve, Part
 from statecharts.state import State
@@ -104,14 +105,29 @@ def _ask(state: State, part: Part, records: list[Record]) -> int:
 
 
 def _failed(state: State, observation: Record, chart: str, error: Exception) -> list[Record]:
-    message = StepFailed(chart=chart, error=type(error).__name__)
-    failure = make_record(observation.seq + 1, observation.seq, observation.at, message)
+    failure = make_record(observation.seq + 1, observation.seq, observation.at, _failure(observation, chart, error))
     evolve(state, failure)
     records = [failure]
     for place, part in _PLACES:
         if _HEARERS["step_failed"] & place:
-            _ask(state, part, records)
+            _ask_about_failure(state, part, records)
     return [observation, *records]
+
+
+def _ask_about_failure(state: State, part: Part, records: list[Record]) -> None:
+    try:
+        _ask(state, part, records)
+    except Exception:  # noqa: BLE001 - a chart that can't even hear of a failure has nothing to add to it
+        return
+
+
+def _failure(observation: Record, chart: str, error: Exception) -> StepFailed:
+    failure = StepFailed(chart=chart, error=type(error).__name__)
+    order = observation.message
+    if isinstance(order, OrderReceived):
+        failure.command_id, failure.principal_id = order.command_id, order.issuer.principal_id
+        failure.in_reply_to = order.in_reply_to
+    return failure
 
 
 def _due(state: State, observation: Record) -> int | None:

@@ -23,7 +23,7 @@ from tests.stories import EFFECTS, Story, instance_words, words_of
 SAYS = {
     "command": ("send_ack", *EFFECTS),
     "camera": ("camera_taken",),
-    "poi": ("poi_opened", "poi_joined", "sighting_muted", "item_ignored", "send_ack"),
+    "poi": ("poi_opened", "poi_joined", "poi_left", "sighting_muted", "item_ignored", "send_ack"),
     "scan": EFFECTS,
     "map": ("sightings_classified",),
     "aim": (),

@@ -23,6 +23,7 @@ from events.schema.findings_pb2 import (
     CameraTaken,
     ItemIgnored,
     PoiJoined,
+    PoiLeft,
     PoiOpened,
     SightingMuted,
     SightingsClassified,
@@ -220,6 +221,8 @@ def words_of(story: Story, record: Record) -> str:
             return f"open {story.poi_name(uuid_of(FLIGHT_ID, record.seq))} for {number}"
         case PoiJoined(poi_id=poi_id, object=number):
             return f"{number} joins {story.poi_name(poi_id)}"
+        case PoiLeft(poi_id=poi_id, object=number):
+            return f"{number} leaves {story.poi_name(poi_id)}"
         case SightingMuted(poi_id=poi_id, object=number):
             return f"{number} muted by {story.poi_name(poi_id)}"
         case ItemIgnored(poi_id=poi_id, principal_id=who):

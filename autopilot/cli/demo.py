@@ -11,10 +11,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from autopilot.adapters.mesh import LinkDown
 from autopilot.cli.demonstration.ending import end
 from autopilot.cli.demonstration.stage import ProcessFailed, Stage
 from autopilot.cli.demonstration.story import WHOLE_STORY_S, Consoles, Story, Surprise
 from autopilot.sim.route import Route
+from events.store import StoreFailed
 
 SHORTEST_S = 15.0
 
@@ -63,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     try:
         summary = _fly(folder, arguments.seconds, arguments.seed, say)
-    except (Surprise, ProcessFailed) as error:
+    except (Surprise, ProcessFailed, LinkDown, StoreFailed) as error:
         say(f"The demo stopped: {error}. What the processes said lies in {folder / 'logs'}.")
         return 1
     if arguments.json:
@@ -78,5 +80,6 @@ def _fly(folder: Path, seconds: float, seed: int, say: Callable[[str], None]) ->
         with Consoles.of(stage) as consoles:
             Story(stage, consoles, Route(seed, seconds), say).tell(whole=seconds >= WHOLE_STORY_S)
         flight = stage.flight
-        stage.node.stop()
+        if (code := stage.node.stop()) != os.EX_OK:
+            raise ProcessFailed(f"the node ended with exit code {code}")
     return end(folder, flight, say)

@@ -8,6 +8,8 @@ added by whoever publishes it.
 from __future__ import annotations
 
 import asyncio
+import sys
+import traceback
 from collections.abc import Callable
 
 from autopilot.node.flights import Session
@@ -45,10 +47,13 @@ class Board:
         self._session = session
 
     def hear(self, records: tuple[Record, ...]) -> None:
-        """Fold durable records. On the node's thread."""
+        """Fold durable records. On the node's thread, which must not end because something can't be shown."""
         before, now = self._status, self._status
-        for record in records:
-            now = status.apply(now, record)
+        try:
+            for record in records:
+                now = status.apply(now, record)
+        except Exception:  # noqa: BLE001 - the record is in the log and was decided on; only the picture lags
+            print(f"autopilot: the status can't show a record:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
         self._status = now
         if now.picture is not before.picture and self._asyncio_loop is not None:
             self._asyncio_loop.call_soon_threadsafe(self._changed.set)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 from autopilot.ports.edges import Clock
@@ -10,18 +9,6 @@ from events.records import Moment
 from events.schema.flight_pb2 import CLOCK_TRUSTED
 
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-
-
-class HostClock:
-    """The clocks of this computer. BOOTTIME goes on through suspend, unlike MONOTONIC."""
-
-    def mono_ns(self) -> int:
-        """Nanoseconds since this boot."""
-        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
-
-    def wall_ns(self) -> int:
-        """Nanoseconds since 1970."""
-        return time.time_ns()
 
 
 def boot_id() -> str:

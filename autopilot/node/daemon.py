@@ -11,6 +11,7 @@ import contextlib
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Awaitable, Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -18,8 +19,8 @@ from pathlib import Path
 from autopilot.adapters.eyes import model_sha256
 from autopilot.geo import Origin
 from autopilot.node.board import Board
-from autopilot.node.clock import HostClock, boot_id
-from autopilot.node.edges import Edges, make_edges, resume
+from autopilot.node.clock import boot_id
+from autopilot.node.edges import Edges, Remembered, make_edges, remembered, resume
 from autopilot.node.flights import Flights, Session
 from autopilot.node.flights import Identity as NodeIdentity
 from autopilot.node.inbox import Inbox
@@ -31,6 +32,7 @@ from autopilot.node.sealing import Sealer
 from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
 from autopilot.node.verdicts import Verdicts
 from autopilot.ports.config import Config
+from autopilot.trust.clock import HostClock
 from autopilot.trust.identity import Identity, IdentityError, load_identity
 from autopilot.trust.keys import SecretFileError
 from events.kinds import UnknownKind
@@ -39,6 +41,13 @@ from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, Model
 
 # Without a turn of the loop for this long the node is not well, and its heartbeat stops.
 UNWELL_AFTER_NS = 3_000_000_000
+UPKEEP_AGAIN_S = 1.0
+# How long the end waits for orders that came before it.
+LAST_ORDERS_S = 1.0
+
+
+class BadAddress(Exception):
+    """The configuration names an address that can't be used; the text names the key."""
 
 
 class Daemon:
@@ -48,7 +57,7 @@ class Daemon:
         self._config = config
         self._clock = HostClock()
         self._origin = Origin()
-        self._inbox = Inbox(config.limits)
+        self._inbox = Inbox(config.limits, self._clock)
         self._board = Board(lambda: self._clock.wall_ns() // 1_000_000)
         self._asked_to_stop = asyncio.Event()
 
@@ -65,14 +74,14 @@ class Daemon:
             return _say(f"[node] keys: {error}", os.EX_NOPERM if loose else os.EX_CONFIG)
         except FolderTaken as error:
             return _say(f"[node] flights: {error}", os.EX_UNAVAILABLE)
-        except ValueError as error:
+        except BadAddress as error:
             return _say(str(error), os.EX_CONFIG)
         except OSError as error:
             return _say(str(error), os.EX_IOERR)
 
     async def _live(self, identity: Identity) -> int:
         asyncio_loop, over = asyncio.get_running_loop(), asyncio.Event()
-        ready = asyncio.Event()
+        ready: asyncio.Future[Remembered] = asyncio_loop.create_future()
         self._board.attend(asyncio_loop)
         edges: Edges
         loop = NodeLoop(
@@ -88,35 +97,42 @@ class Daemon:
         )
         edges = make_edges(self._config, identity, self._clock, self._inbox, self._origin, lambda: self._is_well(loop))
         loop.start()
-        await _first(ready.wait(), over.wait())
-        if ready.is_set():
-            await self._serve(loop, edges, over, identity)
+        await _first(asyncio.shield(ready), over.wait())
+        if ready.done():
+            await self._serve(loop, edges, over, ready.result(), identity)
         return _exit_code(loop, edges.eyes.refusal)
 
-    def _opened(self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Event) -> None:
+    def _opened(
+        self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Future[Remembered]
+    ) -> None:
+        """Follow a session that was opened. On the node's thread, which owns its state."""
         self._board.follow(session)
         if session.sealing is not None and session.sealing.refusal:
             print(f"autopilot: the log is not signed any more: {session.sealing.refusal}", file=sys.stderr, flush=True)
-        _call(asyncio_loop, ready.set)
+        memory = remembered(session)
+        _call(asyncio_loop, lambda: _settle(ready, memory))
 
-    async def _serve(self, loop: NodeLoop, edges: Edges, over: asyncio.Event, identity: Identity) -> None:
+    async def _serve(
+        self, loop: NodeLoop, edges: Edges, over: asyncio.Event, memory: Remembered, identity: Identity
+    ) -> None:
         """Run the adapters around a loop that records, and end both."""
-        resume(self._config, self._board.session, edges, self._inbox, self._origin)
+        resume(self._config, memory, edges, self._inbox, self._origin)
         projecting = Projecting(Path(self._config.node.projections), self._board)
         rejections = Rejections(edges)
         verdicts = Verdicts(Path(self._config.node.flights), identity, version("autopilot"), self._board)
         tasks = [
-            asyncio.create_task(publish_status(self._config.mesh, edges, self._board)),
-            asyncio.create_task(record_rejections(rejections, self._inbox)),
-            asyncio.create_task(projecting.run()),
-            asyncio.create_task(verdicts.run()),
+            asyncio.create_task(_kept_up(lambda: publish_status(self._config.mesh, edges, self._board))),
+            asyncio.create_task(_kept_up(lambda: record_rejections(rejections, self._inbox))),
+            asyncio.create_task(_kept_up(projecting.run)),
+            asyncio.create_task(_kept_up(verdicts.run)),
         ]
         try:
-            await edges.start()
+            await _start(edges)
             print(f"autopilot: recording in {self._board.session.flight.folder}", file=sys.stderr, flush=True)
             await _first(self._asked_to_stop.wait(), self._input_ended(edges), over.wait())
         finally:
             try:
+                await self._take_what_waits(loop)
                 await edges.stop()
             finally:  # whatever an adapter does, the log gets its end
                 report_rejections(rejections, self._inbox)
@@ -126,6 +142,14 @@ class Daemon:
                     task.cancel()
                 await asyncio.gather(*tasks, return_exceptions=True)
                 await projecting.finish()
+
+    async def _take_what_waits(self, loop: NodeLoop) -> None:
+        """Let the loop take the orders that wait while somebody can still perform them."""
+        self._inbox.close_to_orders()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(LAST_ORDERS_S):
+                while loop.is_alive() and not self._inbox.empty:
+                    await asyncio.sleep(LAST_ORDERS_S / 100)
 
     async def _input_ended(self, edges: Edges) -> None:
         """Wait for the end of the input where that is the end: as configured, or because it can never begin."""
@@ -161,6 +185,24 @@ class Daemon:
         )
 
 
+async def _start(edges: Edges) -> None:
+    """Start the adapters. Raises BadAddress and OSError."""
+    try:
+        await edges.start()
+    except ValueError as error:
+        raise BadAddress(str(error)) from error
+
+
+async def _kept_up(work: Callable[[], Awaitable[None]]) -> None:
+    """Do the work until it is done; a defect in it is said and must not end the flight."""
+    while True:
+        try:
+            return await work()
+        except Exception:  # noqa: BLE001 - upkeep: nothing that is decided or performed depends on it
+            print(f"autopilot: upkeep failed and begins again:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+            await asyncio.sleep(UPKEEP_AGAIN_S)
+
+
 async def _first(*waits: Awaitable[object]) -> None:
     """Wait for the first of several; the others are given up."""
     tasks = [asyncio.ensure_future(wait) for wait in waits]
@@ -173,6 +215,12 @@ def _call(asyncio_loop: asyncio.AbstractEventLoop, call: Callable[[], object]) -
     """Call on the asyncio loop; one that is closing has nothing left to do."""
     with contextlib.suppress(RuntimeError):
         asyncio_loop.call_soon_threadsafe(call)
+
+
+def _settle(ready: asyncio.Future[Remembered], memory: Remembered) -> None:
+    """Say that the log is open; only the first session of a process is waited for."""
+    if not ready.done():
+        ready.set_result(memory)
 
 
 def _exit_code(loop: NodeLoop, refusal: str | None) -> int:

@@ -13,17 +13,18 @@ from dataclasses import dataclass
 from autopilot.adapters.eyes import Eyes
 from autopilot.adapters.mesh import MeshAdapter
 from autopilot.adapters.vehicle import VehicleLink
-from autopilot.geo import Origin
+from autopilot.geo import LocalFrame, Origin
 from autopilot.node.flights import Session
 from autopilot.node.inbox import Inbox
 from autopilot.ports.config import Config
 from autopilot.ports.edges import Clock, InputClass, Performer
 from autopilot.trust.identity import Identity
 from events.records import Record
+from events.schema.common_pb2 import Place
 from events.schema.flight_pb2 import OriginSet
-from statecharts import State
 
 NS_PER_MS = 1_000_000
+OFFER_AGAIN_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,22 +90,48 @@ def make_edges(
     return Edges(mesh, vehicle, eyes)
 
 
-def resume(config: Config, session: Session, edges: Edges, inbox: Inbox, origin: Origin) -> None:
+@dataclass(frozen=True, slots=True)
+class Remembered:
+    """What adapters need to know of a log when they start; read on the thread that owns the state."""
+
+    origin: Place | None
+    window: tuple[tuple[bytes, bytes, int], ...]  # device key id, nonce, milliseconds to remember it
+
+
+def remembered(session: Session) -> Remembered:
+    """Read it. On the node's thread."""
+    state, now_ns = session.state, session.clock.peek_ns()
+    known = state.origin.value
+    window = tuple(
+        (device, nonce, (until_ns - now_ns) // NS_PER_MS + 1) for (device, nonce), until_ns in state.nonces.items()
+    )
+    return Remembered(None if known is None else known.place, window)
+
+
+def resume(config: Config, memory: Remembered, edges: Edges, inbox: Inbox, origin: Origin) -> None:
     """Give the adapters what the log remembers: the origin, and the replay window of the gate."""
-    known = session.state.origin.value
-    if known is not None:
-        place = known.place
+    place = memory.origin
+    if place is not None:
         origin.set(place.latitude_e7 / 1e7, place.longitude_e7 / 1e7, place.altitude_mm / 1000)
     elif (configured := _configured_origin(config)) is not None:
         set_origin(origin, inbox, configured, "configured")
     if edges.mesh is not None:
-        edges.mesh.restore_window(_window(session.state, session.clock.peek_ns()))
+        edges.mesh.restore_window(memory.window)
 
 
 def set_origin(origin: Origin, inbox: Inbox, position: tuple[float, float, float], source: str) -> None:
-    """Set the origin of the local frame and record it; only the first time counts."""
-    if origin.frame is None:
-        inbox.offer(InputClass.OUTCOME, OriginSet(place=origin.set(*position), source=source))
+    """Record the origin of the local frame and then use it; only the first time counts. On the asyncio loop.
+
+    While the inbox has no room nothing has a place: a place whose origin the log does not know means nothing.
+    """
+    if origin.frame is not None:
+        return
+    place = LocalFrame(*position).place(*position)
+    if inbox.offer(InputClass.OUTCOME, OriginSet(place=place, source=source)):
+        origin.set(*position)
+    else:
+        again = asyncio.get_running_loop()
+        again.call_later(OFFER_AGAIN_S, lambda: set_origin(origin, inbox, position, source))
 
 
 def _configured_origin(config: Config) -> tuple[float, float, float] | None:
@@ -112,7 +139,3 @@ def _configured_origin(config: Config) -> tuple[float, float, float] | None:
     if config.flight.origin is None and pose is not None:
         return pose.latitude_deg, pose.longitude_deg, pose.altitude_m
     return config.flight.origin
-
-
-def _window(state: State, now_ns: int) -> list[tuple[bytes, bytes, int]]:
-    return [(device, nonce, (until_ns - now_ns) // NS_PER_MS + 1) for (device, nonce), until_ns in state.nonces.items()]

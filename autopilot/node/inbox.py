@@ -13,7 +13,8 @@ from collections import deque
 from google.protobuf.message import Message
 
 from autopilot.ports.config import LimitsSection
-from autopilot.ports.edges import InputClass
+from autopilot.ports.edges import Clock, InputClass
+from events.schema.orders_pb2 import OrderReceived
 
 # Taken in this order: an order never waits behind a burst of frames.
 _ORDER_OF_TAKING = (InputClass.ORDER, InputClass.OUTCOME, InputClass.TELEMETRY, InputClass.FRAME)
@@ -23,31 +24,35 @@ _DROPS_OLDEST = frozenset({InputClass.TELEMETRY, InputClass.FRAME})
 class Inbox:
     """Bounded queues with one door. Any thread may offer; one thread takes."""
 
-    def __init__(self, limits: LimitsSection) -> None:
+    def __init__(self, limits: LimitsSection, clock: Clock) -> None:
+        self._clock = clock
+        self._stall_ns = int(limits.commit_stall_s * 1e9)
         self._bounds = {
             InputClass.ORDER: limits.inbox_orders,
             InputClass.OUTCOME: limits.inbox_outcomes,
             InputClass.TELEMETRY: limits.inbox_telemetry,
             InputClass.FRAME: limits.inbox_frames,
         }
-        self._queues: dict[InputClass, deque[Message]] = {each: deque() for each in _ORDER_OF_TAKING}
+        self._queues: dict[InputClass, deque[tuple[int, Message]]] = {each: deque() for each in _ORDER_OF_TAKING}
         self._dropped = dict.fromkeys(_DROPS_OLDEST, 0)
         self._something = threading.Condition()
         self._woken = False
-        self._refuses_orders = False
+        self._closed_to_orders = False
+        self._slow = False
+        self._committing_since_ns: int | None = None
 
     def offer(self, input_class: InputClass, observation: Message) -> bool:
         """Take an observation in; see `ports.edges.Offer`."""
         with self._something:
             queue = self._queues[input_class]
-            if input_class is InputClass.ORDER and self._refuses_orders:
+            if input_class is InputClass.ORDER and self._refuses_orders():
                 return False
             if len(queue) >= self._bounds[input_class]:
                 if input_class not in _DROPS_OLDEST:
                     return False
                 queue.popleft()
                 self._dropped[input_class] += 1
-            queue.append(observation)
+            queue.append((self._clock.mono_ns(), observation))
             self._something.notify()
         return True
 
@@ -61,7 +66,9 @@ class Inbox:
             for each in _ORDER_OF_TAKING:
                 queue = self._queues[each]
                 while queue and len(taken) < most:
-                    taken.append(queue.popleft())
+                    came_ns, observation = queue.popleft()
+                    _age(observation, self._clock.mono_ns() - came_ns)
+                    taken.append(observation)
             return taken
 
     def take_dropped(self) -> dict[InputClass, int]:
@@ -77,11 +84,40 @@ class Inbox:
             self._woken = True
             self._something.notify()
 
-    def refuse_orders(self, refuse: bool) -> None:
-        """Close or open the door for orders: closed while the disk does not keep up."""
-        with self._something:
-            self._refuses_orders = refuse
+    def close_to_orders(self) -> None:
+        """Take no more orders: the node is about to end."""
+        self._closed_to_orders = True
+
+    def commit_began(self) -> None:
+        """Note that the disk is at work; from `commit_stall_s` on orders are refused, also while it still is."""
+        self._committing_since_ns = self._clock.mono_ns()
+
+    def commit_ended(self) -> None:
+        """Note that the disk is done; after a slow commit orders are refused until one is quick."""
+        since_ns, self._committing_since_ns = self._committing_since_ns, None
+        self._slow = since_ns is not None and self._clock.mono_ns() - since_ns > self._stall_ns
+
+    def disk_rested(self) -> None:
+        """Note that the disk had time to recover; where it did not, the next commit says so."""
+        self._slow = False
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing waits."""
+        return not any(self._queues.values())
 
     def has_room(self, input_class: InputClass) -> bool:
         """Whether less than half of a class's queue is taken: for a source that can wait."""
         return len(self._queues[input_class]) * 2 < self._bounds[input_class]
+
+    def _refuses_orders(self) -> bool:
+        since_ns = self._committing_since_ns
+        stalls = since_ns is not None and self._clock.mono_ns() - since_ns > self._stall_ns
+        return self._closed_to_orders or self._slow or stalls
+
+
+def _age(observation: Message, waited_ns: int) -> None:
+    """Take the time in the inbox off an order's lives: they count from its record, which is still to be made."""
+    waited_ms = -(-waited_ns // 1_000_000)
+    if isinstance(observation, OrderReceived):
+        observation.life_ms = max(observation.life_ms - waited_ms, 0)

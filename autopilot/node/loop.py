@@ -113,12 +113,12 @@ class NodeLoop(threading.Thread):
         self.turned_ns = self._clock.mono_ns()
         quiet, recorded = not batch and not self._pending, session.state.next_seq.value
         self._observe(session, batch)
-        if quiet and session.state.next_seq.value == recorded:
+        if not self._pending:
             session.store.idle()
-            # The disk had time to recover; where it did not, the next commit says so.
-            self._inbox.refuse_orders(session.store.reserve_spent)
-        if not self._pending and session.sealing is not None:
-            session.sealing.turn(armed=_armed(session), flight_ns=session.clock.peek_ns())
+            if session.sealing is not None:
+                session.sealing.turn(armed=_armed(session), flight_ns=session.clock.peek_ns())
+        if quiet and session.state.next_seq.value == recorded:
+            self._inbox.disk_rested()
         return self._follow_if_over(session)
 
     def _observe(self, session: Session, batch: list[Message]) -> None:
@@ -143,10 +143,11 @@ class NodeLoop(threading.Thread):
         return any(record.kind.sync or record.kind.role is Role.EFFECT for record in self._pending)
 
     def _commit(self, session: Session) -> None:
-        before_ns = self._clock.mono_ns()
+        self._inbox.commit_began()
         session.store.append(self._pending)
-        took_ns = self._clock.mono_ns() - before_ns
-        self._inbox.refuse_orders(session.store.reserve_spent or took_ns > self._limits.commit_stall_s * 1e9)
+        self._inbox.commit_ended()
+        if session.store.reserve_spent:
+            self._inbox.close_to_orders()
         durable, self._pending = tuple(self._pending), []
         for record in durable:
             self._note(record)

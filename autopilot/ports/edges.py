@@ -8,6 +8,8 @@ from typing import Protocol
 
 from google.protobuf.message import Message
 
+from autopilot.trust.clock import Clock as Clock
+
 
 class InputClass(Enum):
     """Classes of the inbox; each has a bound of its own and a way of overflowing (design, section 3)."""
@@ -54,13 +56,3 @@ class PoseSource(Protocol):
 
     def pose_at(self, mono_ns: int) -> Pose | None:
         """Return the pose at `mono_ns` (monotonic clock of this machine), or None where it is not known."""
-
-
-class Clock(Protocol):
-    """Time as the edge sees it; tests and the simulator bring their own."""
-
-    def mono_ns(self) -> int:
-        """Monotonic nanoseconds of this boot (CLOCK_BOOTTIME where there is one)."""
-
-    def wall_ns(self) -> int:
-        """Wall clock in nanoseconds since 1970."""

@@ -13,12 +13,12 @@ import asyncio
 import contextlib
 import signal
 import struct
-import time
 from collections.abc import Sequence
 
 from autopilot.ports.edges import Clock
 from autopilot.sim.aircraft import HOME, Address, Aircraft, Unkindness
 from autopilot.sim.world import FRAMES_PER_S, World
+from autopilot.trust.clock import HostClock
 from autopilot.wire.detections_pb2 import DetectionBatch
 
 LOOPBACK = "127.0.0.1"
@@ -26,18 +26,6 @@ STEP_S = 0.02
 LATENCY_S = 0.06  # from capture to message, like a small network on a small computer
 CLIENT_BUFFER_BYTES = 65_536  # more than this unread: the client loses the frame
 _LENGTH = struct.Struct(">I")
-
-
-class BootClock:
-    """The machine's clocks."""
-
-    def mono_ns(self) -> int:
-        """Monotonic nanoseconds of this boot, sleep included."""
-        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
-
-    def wall_ns(self) -> int:
-        """Wall clock in nanoseconds since 1970."""
-        return time.time_ns()
 
 
 class Simulation(asyncio.DatagramProtocol):
@@ -134,7 +122,7 @@ async def fly(arguments: argparse.Namespace) -> None:
         stream_lost=arguments.stream_lost,
     )
     aircraft = Aircraft(arguments.seed, arguments.seconds, tuple(arguments.home), unkind)
-    simulation = Simulation(aircraft, World(arguments.seed, aircraft.route), BootClock(), hold=arguments.hold)
+    simulation = Simulation(aircraft, World(arguments.seed, aircraft.route), HostClock(), hold=arguments.hold)
     over = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, over.set)

@@ -115,7 +115,8 @@ class World:
             box = box_of(thing, east_m - motion.east_m, north_m - motion.north_m, view)
             if box is not None and self._chance.random() >= MISSED:
                 boxes.append(self._noisy(thing, box))
-        return boxes
+        # At the edge of the image noise can leave nothing of a box; a detector would not report that.
+        return [box for box in boxes if box.x_min_e4 < box.x_max_e4 and box.y_min_e4 < box.y_max_e4]
 
     def _noisy(self, thing: Thing, box: tuple[float, float, float, float]) -> BoxDetection:
         width, height = box[2] - box[0], box[3] - box[1]

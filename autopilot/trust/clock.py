@@ -17,11 +17,11 @@ class Clock(Protocol):
 
 
 class HostClock:
-    """The clock of this computer, taken as right."""
+    """The clocks of this computer, taken as right. BOOTTIME goes on through suspend, unlike MONOTONIC."""
 
     def mono_ns(self) -> int:
         """Monotonic nanoseconds of this boot."""
-        return time.monotonic_ns()
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def wall_ns(self) -> int:
         """Wall clock in nanoseconds since 1970."""

@@ -26,7 +26,7 @@ from autopilot.trust import limits
 from autopilot.trust.clock import Clock, wall_ms
 from autopilot.trust.identity import Epoch, Identity
 from autopilot.trust.keys import Random, SealBroken, digest
-from autopilot.trust.pae import ORDER_SEAL, ORDER_SIGNATURE, le64, pae
+from autopilot.trust.pae import ENVELOPE_SEAL, ENVELOPE_SIGNATURE, le64, pae
 from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, SealedBody
 
 VERSION = 1
@@ -62,7 +62,7 @@ class PackError(Exception):
 
 def signature_input(header: bytes, token: bytes, ciphertext: bytes) -> bytes:
     """Return the bytes that a device signs."""
-    return pae(ORDER_SIGNATURE, header, token, ciphertext)
+    return pae(ENVELOPE_SIGNATURE, header, token, ciphertext)
 
 
 def sealing_key(message_type: MessageType, epoch: Epoch, device_key_id: bytes) -> bytes:
@@ -73,7 +73,7 @@ def sealing_key(message_type: MessageType, epoch: Epoch, device_key_id: bytes) -
 
 def seal(key: bytes, nonce: bytes, header: bytes, plaintext: bytes) -> bytes:
     """Return ciphertext and tag."""
-    return bindings.crypto_aead_xchacha20poly1305_ietf_encrypt(plaintext, pae(ORDER_SEAL, header), nonce, key)
+    return bindings.crypto_aead_xchacha20poly1305_ietf_encrypt(plaintext, pae(ENVELOPE_SEAL, header), nonce, key)
 
 
 def open_sealed(key: bytes, nonce: bytes, header: bytes, ciphertext: bytes) -> bytes:
@@ -81,7 +81,7 @@ def open_sealed(key: bytes, nonce: bytes, header: bytes, ciphertext: bytes) -> b
     if len(ciphertext) <= limits.TAG_BYTES or len(nonce) != limits.NONCE_BYTES:
         raise SealBroken("the ciphertext or nonce has an impossible length")
     try:
-        return bindings.crypto_aead_xchacha20poly1305_ietf_decrypt(ciphertext, pae(ORDER_SEAL, header), nonce, key)
+        return bindings.crypto_aead_xchacha20poly1305_ietf_decrypt(ciphertext, pae(ENVELOPE_SEAL, header), nonce, key)
     except CryptoError as error:
         raise SealBroken("the ciphertext does not open") from error
 

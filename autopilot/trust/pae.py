@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Final
 
-ORDER_SIGNATURE: Final = b"waypoint/v1/AuthEnvelope/device-signature"
-ORDER_SEAL: Final = b"waypoint/v1/AuthEnvelope/aead"
+ENVELOPE_SIGNATURE: Final = b"waypoint/v1/AuthEnvelope/device-signature"
+ENVELOPE_SEAL: Final = b"waypoint/v1/AuthEnvelope/aead"
 TRUST_ROOT: Final = b"waypoint/v1/TrustRoot"
 IDENTITY_TOKEN: Final = b"waypoint/v1/IdentityToken"
 REVOCATION_LIST: Final = b"waypoint/v1/RevocationList"

@@ -281,3 +281,29 @@ class SightingMuted(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SightingMuted: _TypeAlias = SightingMuted  # noqa: Y015
+
+@_typing.final
+class PoiLeft(_message.Message):
+    """A map object has moved away from the question or the muted place that it belonged to."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POI_ID_FIELD_NUMBER: _builtins.int
+    OBJECT_FIELD_NUMBER: _builtins.int
+    poi_id: _builtins.str
+    """The point of interest, as UUID string."""
+    object: _builtins.int
+    """The map object."""
+    def __init__(
+        self,
+        *,
+        poi_id: _builtins.str | None = ...,
+        object: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["object", b"object", "poi_id", b"poi_id"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["object", b"object", "poi_id", b"poi_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PoiLeft: _TypeAlias = PoiLeft  # noqa: Y015

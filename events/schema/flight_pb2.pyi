@@ -538,19 +538,31 @@ class StepFailed(_message.Message):
 
     CHART_FIELD_NUMBER: _builtins.int
     ERROR_FIELD_NUMBER: _builtins.int
+    COMMAND_ID_FIELD_NUMBER: _builtins.int
+    PRINCIPAL_ID_FIELD_NUMBER: _builtins.int
+    IN_REPLY_TO_FIELD_NUMBER: _builtins.int
     chart: _builtins.str
     """Chart that raised; "evolve" where applying the record did."""
     error: _builtins.str
     """Type of the exception; its text stays out, for it differs between interpreters."""
+    command_id: _builtins.str
+    """The order that could not be decided on, for its answer; absent for other observations."""
+    principal_id: _builtins.str
+    """Principal that gave the order."""
+    in_reply_to: _builtins.bytes
+    """BLAKE2b-256 of the order's signature input; the answer names it."""
     def __init__(
         self,
         *,
         chart: _builtins.str | None = ...,
         error: _builtins.str | None = ...,
+        command_id: _builtins.str | None = ...,
+        principal_id: _builtins.str | None = ...,
+        in_reply_to: _builtins.bytes | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["chart", b"chart", "error", b"error"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["chart", b"chart", "command_id", b"command_id", "error", b"error", "in_reply_to", b"in_reply_to", "principal_id", b"principal_id"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["chart", b"chart", "error", b"error"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["chart", b"chart", "command_id", b"command_id", "error", b"error", "in_reply_to", b"in_reply_to", "principal_id", b"principal_id"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -101,6 +101,12 @@ def null_place(facts: Facts) -> bool:
     return not (place.latitude_e7 or place.longitude_e7 or place.altitude_mm)
 
 
+def nowhere(facts: Facts) -> bool:
+    """A place is asked before the local frame has an origin."""
+    asks_place = facts.received is not None and facts.received.WhichOneof("order") == "point_at_place"
+    return asks_place and facts.state.origin.value is None
+
+
 def unknown_poi(facts: Facts) -> bool:
     """The point of interest was never put to an operator."""
     poi = facts.state.pois.get(facts.order.poi_id)
@@ -160,11 +166,12 @@ _JUDGE: tuple[Row[Facts], ...] = (
     move("received", "order_received", "unsupported", "unknown kind of order", unknown_verb, band=8),
     move("received", "order_received", "rejected", "no such camera, or nothing turns it", no_such_camera, band=9),
     move("received", "order_received", "rejected", "0, 0, 0 is no place to look at", null_place, band=10),
-    move("received", "order_received", "rejected", "unknown_poi_id", unknown_poi, band=11),
-    move("received", "order_received", "rejected", "expired: the question is closed", poi_over, band=12),
-    move("received", "order_received", "accepted", "recorded", judgement, band=13),
-    move("received", "order_received", "rejected", "no vehicle is heard", vehicle_silent, band=14),
-    move("received", "order_received", "intended", "all gates passed", band=15),
+    move("received", "order_received", "rejected", "this node has no position yet", nowhere, band=11),
+    move("received", "order_received", "rejected", "unknown_poi_id", unknown_poi, band=12),
+    move("received", "order_received", "rejected", "expired: the question is closed", poi_over, band=13),
+    move("received", "order_received", "accepted", "recorded", judgement, band=14),
+    move("received", "order_received", "rejected", "no vehicle is heard", vehicle_silent, band=15),
+    move("received", "order_received", "intended", "all gates passed", band=16),
 )
 
 

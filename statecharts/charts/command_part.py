@@ -6,6 +6,7 @@ from google.protobuf.message import Message
 
 from events.records import Record
 from events.schema import orders_pb2
+from events.schema.flight_pb2 import StepFailed
 from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
 from events.schema.vehicle_pb2 import (
     CommandAnswered,
@@ -52,6 +53,8 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
             return _arrived(state, record)
         case "order_malformed":
             return (_refuse_malformed(record),)
+        case "step_failed":
+            return _undecided(record)
         case "command_sent" | "command_answered" | "command_unanswered":
             return _outcome(state, record)
         case "time_passed":
@@ -94,6 +97,25 @@ def _refuse_malformed(record: Record) -> SendAck:
         final=True,
         duplicate=False,
         in_reply_to=malformed.in_reply_to,
+    )
+
+
+def _undecided(record: Record) -> tuple[Message, ...]:
+    """Tell the issuer of an order whose step failed. Not final: nothing of it stays, and a repeat is judged anew."""
+    failed = record.message
+    assert isinstance(failed, StepFailed)
+    if not failed.command_id:
+        return ()
+    return (
+        SendAck(
+            command_id=failed.command_id,
+            principal_id=failed.principal_id,
+            result=orders_pb2.ACK_REJECTED,
+            detail="deciding on it failed",
+            final=False,
+            duplicate=False,
+            in_reply_to=failed.in_reply_to,
+        ),
     )
 
 
@@ -196,6 +218,7 @@ PART = Part(
         {
             "order_received",
             "order_malformed",
+            "step_failed",
             "command_sent",
             "command_answered",
             "command_unanswered",

@@ -83,11 +83,13 @@ def _forget_old(state: State, now_ns: int) -> None:
     state.forgot_ns.set(now_ns)
     state.nonces.drop_where(lambda until_ns: until_ns <= now_ns)
     state.orders.drop_where(lambda order: order.keep_until_ns <= now_ns and order.state in FINAL)
+    state.owed_acks.drop_where(lambda key: key not in state.orders)
 
 
 def _receive_malformed(state: State, record: Record) -> None:
     malformed = record.message
     assert isinstance(malformed, OrderMalformed)
+    _forget_old(state, record.at.flight_ns)
     until_ns = record.at.flight_ns + malformed.nonce_life_ms * NS_PER_MS
     state.nonces.put((malformed.issuer.device_key_id, malformed.nonce), until_ns)
 

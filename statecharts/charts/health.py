@@ -51,6 +51,8 @@ CHART: Chart[_Facts] = Chart(
 
 def decide(state: State, record: Record) -> tuple[Message, ...]:
     """Return the move, if any."""
+    if state.manifest.value is None:
+        return ()  # the manifest itself could not be applied: there is no limit to judge by
     limits = state.flight.limits
     facts = _Facts(len(state.failures.value), limits.failures_to_safe_mode)
     row = CHART.ask(state.health.value, record.kind.name, facts)

@@ -8,7 +8,8 @@ group lies near it stays quiet, and each such sighting is counted, so that peopl
 waits at the end of a flight is `withdrawn`.
 
 All sightings of one thing are one question: a map object of the same class group within `same_poi_mm` of a live
-question joins it. It must never confirm by a score, never ask below `ask_confidence_e4`, and never ask twice at once
+question joins it, and leaves it when it has moved away: a mute is a place's, so whoever walks past one is seen again
+further on. It must never confirm by a score, never ask below `ask_confidence_e4`, and never ask twice at once
 about one place.
 """
 

@@ -10,7 +10,14 @@ from events.ids import uuid_of
 from events.records import Record
 from events.schema.common_pb2 import Moved
 from events.schema.eyes_pb2 import FrameObserved
-from events.schema.findings_pb2 import ItemIgnored, PoiJoined, PoiOpened, SightingMuted, SightingsClassified
+from events.schema.findings_pb2 import (
+    ItemIgnored,
+    PoiJoined,
+    PoiLeft,
+    PoiOpened,
+    SightingMuted,
+    SightingsClassified,
+)
 from statecharts.charts.poi import CHART, LIVE, Facts
 from statecharts.facts import Ignored, MapObject, Poi, Spot
 from statecharts.part import Part
@@ -45,12 +52,27 @@ def _sighted(state: State, record: Record, classified: SightingsClassified) -> t
     opened: list[PoiOpened] = []
     for sighting in classified.sightings:
         thing = state.objects[sighting.object]
-        if _is_settled(state, thing, record.at.flight_ns):
-            continue
-        found = _place_in(state, record, thing, opened, sighting.detection)
-        said.extend(found)
-        opened.extend(message for message in found if isinstance(message, PoiOpened))
+        if (left := _has_left(state, thing)) is not None:
+            said.append(PoiLeft(poi_id=left, object=thing.number))
+        elif not _is_settled(state, thing, record.at.flight_ns):
+            found = _place_in(state, record, thing, opened, sighting.detection)
+            said.extend(found)
+            opened.extend(message for message in found if isinstance(message, PoiOpened))
     return (*said, *_surface(state, record.at.flight_ns, ()))
+
+
+def _has_left(state: State, thing: MapObject) -> str | None:
+    """Return the muted place or the question that a thing belongs to but is no longer at.
+
+    A mute is a place's, not a thing's: whoever walks past it is seen again. What a question is about stays with it.
+    """
+    item = state.ignored.get(thing.muted_by)
+    if item is not None:
+        return None if _same(state, item.class_group, item.spot, thing) else item.poi_id
+    poi = state.pois.get(thing.poi_id)
+    if poi is None or poi.object == thing.number or _same(state, poi.class_group, poi.spot, thing):
+        return None
+    return poi.poi_id
 
 
 def _is_settled(state: State, thing: MapObject, now_ns: int) -> bool:
@@ -71,17 +93,17 @@ def _place_in(
     state: State, record: Record, thing: MapObject, opened: list[PoiOpened], index: int
 ) -> tuple[Message, ...]:
     """Return where a thing belongs: to a muted place, to an open question, to a new one, or nowhere yet."""
-    frame = _frame(state)
+    limits = state.flight.limits
+    if thing.sightings < limits.sightings_to_ask or thing.confidence_e4 < limits.ask_confidence_e4:
+        return ()  # the cheap questions first: there are many doubtful sightings, and in the end many questions
     for item in state.ignored.values():
         if _same(state, item.class_group, item.spot, thing):
             return (SightingMuted(poi_id=item.poi_id, object=thing.number),)
     for poi in _near(state, thing, record.at.flight_ns):
         return (PoiJoined(poi_id=poi.poi_id, object=thing.number),)
-    limits = state.flight.limits
-    too_new = thing.sightings < limits.sightings_to_ask
-    waits = any(_same(state, other.class_group, Spot.of(other.place), thing) for other in opened)
-    if too_new or waits or thing.confidence_e4 < limits.ask_confidence_e4:
+    if any(_same(state, other.class_group, Spot.of(other.place), thing) for other in opened):
         return ()
+    frame = _frame(state)
     return (
         PoiOpened(
             vehicle=frame.vehicle,
@@ -194,6 +216,12 @@ def _mute(state: State, record: Record) -> None:
     _count_muted(state, muted.poi_id)
 
 
+def _leave(state: State, record: Record) -> None:
+    left = record.message
+    assert isinstance(left, PoiLeft)
+    state.objects.put(left.object, state.objects[left.object]._replace(poi_id="", muted_by=""))
+
+
 def _count_muted(state: State, poi_id: str) -> None:
     item = state.ignored[poi_id]
     state.ignored.put(poi_id, item._replace(muted=item.muted + 1))
@@ -268,6 +296,7 @@ PART = Part(
         "poi_opened": _open,
         "poi_joined": _join,
         "sighting_muted": _mute,
+        "poi_left": _leave,
         "item_ignored": _ignore,
         "moved": _apply_move,
     },

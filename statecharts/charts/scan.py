@@ -1,10 +1,11 @@
 """Chart `scan`: what the node itself does with a camera that nobody holds (seed 004; scan_controller of its system).
 
-Theory of operation. Zoomed out, the camera sweeps at a fixed pitch. A new point of interest is looked at: the
-camera rests on its place for `look_ms` (zoomed in), then sweeps on, or goes to the next. While an operator holds the
-camera or it rests released, the node keeps its hands off. Under the frame-rate floor it does not look closer, for
-what it would see there could not be followed; it comes back with a margin, so that it does not flicker. It must
-never move a camera that somebody holds, and never at all where `scan_enabled` is off.
+Theory of operation. Zoomed out, the camera looks ahead at a fixed pitch, and the flight sweeps it over the ground. A
+new point of interest is looked at: the camera rests on its place for `look_ms` (zoomed in), then looks ahead, or at
+the next. While an operator holds the camera or it rests released, the node keeps its hands off. Under the frame-rate
+floor it does not look closer, for what it would see there could not be followed; it comes back with a margin, so
+that it does not flicker. It must never move a camera that somebody holds, and never at all where `scan_enabled` is
+off.
 """
 
 from __future__ import annotations

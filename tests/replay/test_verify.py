@@ -81,6 +81,27 @@ def test_every_byte_of_a_body_is_under_the_chain() -> None:
         _check_chain(store, rows, seq, row._replace(leaf=bytes(32)))
 
 
+def test_a_changed_byte_of_a_decision_says_what_it_should_have_said() -> None:
+    """The chain tells where, replay tells what: field, both values, and the causes back to the observation."""
+    store = MemoryStore(FLIGHT_ID, SECRET)
+    store.append(story().records)
+    rows = list(store.stored())
+    seq = next(row.seq for row in rows if b"all gates passed" in row.body)
+    body = rows[seq].body.replace(b"all gates passed", b"all gates locked")
+    verdict = verify(Tampered(store, [*rows[:seq], rows[seq]._replace(body=body), *rows[seq + 1 :]]))
+    assert (verdict.outcome, verdict.seq) == (Outcome.BROKEN, seq)
+    assert verdict.first is not None
+    found = verdict.first
+    assert (found.seq, found.field, found.recorded, found.replayed) == (
+        seq,
+        "because",
+        "'all gates locked'",
+        "'all gates passed'",
+    )
+    assert found.causes[-1].kind == "order_received"
+    assert "because" in verdict.words()
+
+
 def _check_chain(store: MemoryStore, rows: list[Stored], seq: int, bad: Stored) -> None:
     # Only what follows the flight's beginning is looked at: the chain is checked record by record.
     tampered = Tampered(store, [*rows[:seq], bad, *rows[seq + 1 :]])

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 
 from events import Moment, Record, Role, make_record
 from events.schema.flight_pb2 import TimePassed
+from events.schema.orders_pb2 import OrderReceived, SendAck
 from statecharts import State, engine, restore, step, steps_of
 from tests.breaking import break_chart
 from tests.checks import check_chart, check_equal, check_same, dump
@@ -45,6 +48,15 @@ def test_a_step_is_one_observation_and_its_decisions_in_order() -> None:
     )
 
 
+def check_told_undecided(records: Sequence[Record]) -> None:
+    """Check that the issuer is told, on the envelope that came, and that it is not the last word."""
+    order, ack = records[0].message, records[2].message
+    assert isinstance(order, OrderReceived)
+    assert isinstance(ack, SendAck)
+    check_equal((ack.command_id, ack.principal_id), (order.command_id, order.issuer.principal_id))
+    check_equal((ack.in_reply_to, ack.final, ack.detail), (order.in_reply_to, False, "deciding on it failed"))
+
+
 @pytest.mark.parametrize(("chart", "kind"), PARTS)
 def test_a_step_that_raises_leaves_nothing(chart: str, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever chart it is, and whatever the others had decided: only the failure is known afterwards."""
@@ -55,13 +67,14 @@ def test_a_step_that_raises_leaves_nothing(chart: str, kind: str, monkeypatch: p
     break_chart(monkeypatch, chart, kind)
     told.at(500)
     records = told.tell("order b point")
-    check_equal(said(records), ["step_failed"])
+    check_equal(said(records), ["step_failed", "send_ack"])
+    check_told_undecided(records)
     failure = records[1]
     check_equal((failure.message.chart, failure.message.error), (chart, "RuntimeError"))  # type: ignore[attr-defined]
     check_equal((failure.cause, failure.at), (records[0].seq, records[0].at))
     after = dump(told.flight.state)
     changed = {name: after[name] for name in after if after[name] != before[name]}
-    check_equal(changed, {"failures": (500_000_000,), "next_seq": failure.seq + 1})
+    check_equal(changed, {"failures": (500_000_000,), "next_seq": failure.seq + 2})
     check_restart(told)
     monkeypatch.undo()
     check_equal(said(told.tell("order b point seq=9"))[:2], ["moved", "point_at_place"])

@@ -115,3 +115,17 @@ def test_what_it_did_can_be_proved(demo: tuple[Path, subprocess.CompletedProcess
     assert not (folder / "log_key").exists()
     kept = {path.name for path in demo[0].glob("**/witness/*")}
     assert kept == {"wasp-01.json"}
+
+
+def test_the_whole_story(tmp_path: Path) -> None:
+    """From 45 s on every scene is played; one that does not come true ends the demo with 1."""
+    command = [AUTOPILOT, "demo", "--dir", str(tmp_path / "here"), "--seconds", "45", "--seed", "2", "--json"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=150, check=False)
+    assert run.returncode == 0, run.stderr[-3000:]
+    summary = json.loads(run.stdout)
+    assert summary["replay"] == "identical"
+    assert summary["orders"] == {"accepted": 6, "rejected": 0, "timeout": 0, "unsupported": 0, "unauthorised": 1}
+    assert (summary["pois"]["confirmed"], summary["pois"]["declined"]) == (1, 1)
+    bundle = json.loads(Path(summary["bundle"]).read_text())
+    assert [row["duplicates"] > 0 for row in bundle["audit"] if row["result"] == "accepted"].count(True) >= 2
+    assert re.search(r"published [2-9] times, and done once", run.stderr)

@@ -115,7 +115,8 @@ class MeshAdapter:
         self._queue(seq, effect.in_reply_to, ack, recorded_mono_ns)
 
     def publish_status(self, status: NodeStatus) -> None:
-        """Publish the node's status; a newer one replaces one that could not leave yet."""
+        """Publish the node's status with the list it holds; a newer one replaces one that could not leave yet."""
+        status.revocation_version = self._identity.revocations.version
         self._outbox.status(status)
 
     def tally(self) -> Tally:
@@ -138,7 +139,7 @@ class MeshAdapter:
         ack = CommandAck(
             command_id=observation.command_id,
             result=AckResult.ACK_REJECTED,
-            detail="busy: this node's inbox is full",
+            detail="busy: this node takes no orders just now",
             result_state=ResultState.PENDING,
         )
         self._queue(None, observation.in_reply_to, ack, self._clock.mono_ns())

@@ -129,9 +129,11 @@ def _at_place(command: DeviceCommand, locate: Locate) -> PointAtPlaceOrder:
     _require_range("camera_roi.lat_e7", roi.lat_e7, -LATITUDE_E7_MAX, LATITUDE_E7_MAX)
     _require_range("camera_roi.lon_e7", roi.lon_e7, -LONGITUDE_E7_MAX, LONGITUDE_E7_MAX)
     _require_range("camera_roi.altitude_dm", roi.altitude_dm, ALTITUDE_DM_MIN, ALTITUDE_DM_MAX)
-    place = locate(roi.lat_e7, roi.lon_e7, roi.altitude_dm * 100)
-    if place is None:
-        raise Unreadable("camera_roi: this node has no origin yet, so no place can be worked out")
+    altitude_mm = roi.altitude_dm * 100
+    # Before the origin the place is bare, and the core refuses it as it refuses any order: once and for good.
+    place = locate(roi.lat_e7, roi.lon_e7, altitude_mm) or Place(
+        latitude_e7=roi.lat_e7, longitude_e7=roi.lon_e7, altitude_mm=altitude_mm
+    )
     return PointAtPlaceOrder(camera=roi.camera or 1, place=place)
 
 

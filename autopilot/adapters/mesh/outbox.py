@@ -8,7 +8,9 @@ issuer publishes its order again, and the stored result is the answer.
 
 from __future__ import annotations
 
+import sys
 import threading
+import traceback
 from collections import deque
 from dataclasses import dataclass
 
@@ -21,7 +23,7 @@ from autopilot.wire.keys import ack_key, status_key
 from events.schema.orders_pb2 import AckPublished
 from events.schema.waypoint_pb2 import CommandAck, NodeStatus
 
-ACK_PATIENCE_S = 15.0  # longer than an order lives by default: nobody waits for a later answer
+ACK_PATIENCE_S = TTL_MS_MAX / 1000  # as long as an order can live: nobody waits for a later answer
 ACKS_WAITING_MAX = 1024  # as the node's own bound on outcomes
 STATUS_TTL_MS = 10_000  # an older status misleads
 POLL_S = 0.1  # how often a link that is down is looked at while something waits
@@ -138,5 +140,13 @@ class Outbox:
                 idle = self._status is None and not self._answers and not self._outcomes
                 if not self._stopped and (idle or (waiting and self._status is None)):
                     self._wake.wait(POLL_S if waiting else None)
-            waiting = self.turn()
+            waiting = self._surely_turned()
         self.turn()
+
+    def _surely_turned(self) -> bool:
+        """Turn; a defect over one message must not silence all that come after it."""
+        try:
+            return self.turn()
+        except Exception:  # noqa: BLE001 - the boundary of the thread
+            print(f"autopilot: an answer or a status failed:\n{traceback.format_exc()}", file=sys.stderr, flush=True)
+            return False

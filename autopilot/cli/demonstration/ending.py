@@ -65,12 +65,12 @@ def _tell(summary: dict[str, Any], records: list[Record], muted: int, say: Say) 
     )
     say(f"Findings: {_counts(summary['pois'])}; {summary['map_objects']} objects on the map.")
     say(f"Sightings that stayed quiet because something like them was declined there: {muted}.")
-    say(f"Dropped at the gate: {_counts(summary['samples_dropped'])}.")
+    say(f"Dropped at the edges: {_counts(summary['samples_dropped'])}.")
     say(f"{summary['events']} records lie in {summary['flight']}, the bundle in {summary['bundle']}.")
 
 
 def _next(folder: Path, flight: Path, records: list[Record], say: Say) -> None:
-    program = Path(sys.argv[0])
+    program = Path(sys.executable).with_name("autopilot")
     program = program.relative_to(Path.cwd()) if program.is_relative_to(Path.cwd()) else program
     say("Try next:")
     for words in (

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -85,16 +86,28 @@ class Process:
         """Take its life, as a power cut does, and wait; return its exit code."""
         return self._end(signal.SIGKILL)
 
+    def pause(self) -> None:
+        """Let it stand still, as a radio link does: its connections stay, nothing passes."""
+        self._signal(signal.SIGSTOP)
+
+    def resume(self) -> None:
+        """Let it go on."""
+        self._signal(signal.SIGCONT)
+
     @property
     def running(self) -> bool:
         """Whether it is there."""
         return self._child is not None and self._child.poll() is None
 
+    def _signal(self, number: signal.Signals) -> None:
+        if self._child is not None and self._child.poll() is None:
+            self._child.send_signal(number)
+
     def _end(self, number: signal.Signals) -> int:
         if self._child is None:
             return 0
-        if self._child.poll() is None:
-            self._child.send_signal(number)
+        self._signal(signal.SIGCONT)
+        self._signal(number)
         try:
             return self._child.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
@@ -146,8 +159,9 @@ class Stage:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        for process in (self.node, self.world, self.router):
-            process.stop()
+        with ExitStack() as stack:  # one that does not end must not leave the others running
+            for process in (self.router, self.world, self.node):
+                stack.callback(process.stop)
 
     @property
     def flight(self) -> Path:

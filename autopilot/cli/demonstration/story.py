@@ -84,7 +84,7 @@ class Story:
         self._not_before(0.42)
         self._release()
         self._not_before(0.55)
-        self._findings()
+        self._findings(whole=whole)
         if whole:
             self._router_goes_away()
         self._landing()
@@ -157,18 +157,22 @@ class Story:
         self.say("K-2 releases the camera; after a pause the node itself looks closer at what it finds.")
 
     def _router_goes_away(self) -> None:
-        self.stage.router.kill()
-        self.say(f"The router stops for {ROUTER_AWAY_S:.0f} s. K-1 orders the camera to look straight ahead meanwhile.")
+        self.say(f"The router stands still for {ROUTER_AWAY_S:.0f} s. K-1 orders the camera to look ahead meanwhile.")
+        self.stage.router.pause()
         order = self.first.send(NODE, compose.point_at_angles(-30, 0), ORDER_LIFE_S)
         time.sleep(ROUTER_AWAY_S)
-        self.stage.router.start()
+        self.stage.router.resume()
         answer = self.first.wait(order)
         self._expect(answer, "accepted")
         times = len(order.envelopes)
-        self.say(f"  it is back: the order went out in {times} envelope(s) and was done once: {answer.result}.")
+        if times < 2:
+            raise Surprise("the order was not published again")
+        self.say(f"  it is back: the order was published {times} times, and done once: {answer.result}.")
 
-    def _findings(self) -> None:
+    def _findings(self, *, whole: bool) -> None:
         asked = self._wait_for_questions()
+        if whole and len(asked) < 2:
+            raise Surprise(f"the node asks about {len(asked)} finding(s); two are needed")
         if not asked:
             self.say("Nothing was found that a person would have to look at.")
             return

@@ -176,7 +176,13 @@ def test_the_bounds_themselves_are_inside() -> None:
 
 
 def test_without_an_origin_there_is_no_place() -> None:
-    check_malformed("no origin yet", command(camera_roi=CameraRoi(lat_e7=1)), has_origin=False)
+    """The order goes to the core all the same, which refuses it once and for good."""
+    node = Node(has_origin=False)
+    content = command(camera_roi=CameraRoi(lat_e7=1, altitude_dm=3))
+    node.adapter.receive(KEY, Forge(people().alice, content=content).envelope())
+    ((_, observation),) = node.offered
+    assert isinstance(observation, OrderReceived)
+    assert observation.point_at_place.place == Place(latitude_e7=1, longitude_e7=0, altitude_mm=300)
 
 
 def test_a_key_with_an_odd_id_is_answered_on_that_key() -> None:
@@ -266,7 +272,7 @@ def test_an_answer_waits_for_the_link_and_is_given_up_in_time() -> None:
     node.wire.up = False
     node.adapter.perform(1, ACK, node.clock.mono_ns())
     assert node.turn()
-    node.clock.now_ms += 14_999
+    node.clock.now_ms += 29_999
     node.adapter.perform(2, ACK, node.clock.mono_ns())
     assert node.turn()
     assert node.offered == []
@@ -359,3 +365,28 @@ def test_keys_come_apart_as_they_were_put_together() -> None:
     ]
     assert [take(key) for take, key in odd] == [None] * len(odd)
     assert len({channel.pattern for channel in keys.CHANNELS}) == len(keys.CHANNELS)
+
+
+def test_a_defect_over_one_message_does_not_silence_the_rest(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The outbox says it and goes on."""
+    node = Node()
+
+    def broken() -> bool:
+        raise RuntimeError("odd")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(node.adapter._outbox, "turn", broken)
+        assert not node.adapter._outbox._surely_turned()
+    assert "odd" in capsys.readouterr().err
+    node.adapter.perform(1, ACK, node.clock.mono_ns())
+    assert not node.adapter._outbox._surely_turned()
+    assert node.offered == [(InputClass.OUTCOME, AckPublished(effect_seq=1))]
+
+
+def test_the_status_names_the_list_that_the_node_holds() -> None:
+    """So that whoever holds a newer one sees that this node does not."""
+    node, status = Node(), NodeStatus(at_ms=1)
+    node.adapter.publish_status(status)
+    assert status.revocation_version == people().alice.revocations.version

@@ -137,7 +137,7 @@ class Node:
         self.root, self.clock, self.disk = root, clock, Disk(clock)
         settings = settings or config()
         _tell_stores(monkeypatch, self.disk)
-        self.inbox = PatientInbox(settings.limits)
+        self.inbox = PatientInbox(settings.limits, clock)
         self.flights = Flights(root, identity(boot_id, settings), clock, random or chance())
         self.heard: list[Record] = []
         self.sessions: list[Session] = []

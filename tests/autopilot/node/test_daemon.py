@@ -52,7 +52,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
     random = seeded(1)
     ours = directory.init(tmp_path / "directory", deployment_id="test", now_ms=NOW_MS, random=random)
     directory.issue(ours, "n", tmp_path / "keys", kind="node", roles=(), callsign="", now_ms=NOW_MS, random=random)
-    monkeypatch.setattr("autopilot.node.clock.HostClock.wall_ns", lambda _self: NOW_MS * 1_000_000)
+    monkeypatch.setattr("autopilot.trust.clock.HostClock.wall_ns", lambda _self: NOW_MS * 1_000_000)
     node = {"keys": str(tmp_path / "keys"), "flights": str(tmp_path / "flights"), "projections": str(tmp_path / "p.db")}
     return Config.model_validate({"node": node})
 

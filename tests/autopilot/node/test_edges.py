@@ -18,7 +18,7 @@ from autopilot.adapters.mesh import MeshAdapter
 from autopilot.adapters.vehicle import VehicleLink
 from autopilot.geo import Origin
 from autopilot.node.board import Board
-from autopilot.node.edges import Edges, resume, set_origin
+from autopilot.node.edges import Edges, remembered, resume, set_origin
 from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.projecting import Projecting
 from autopilot.node.upkeep import Rejections, report_rejections
@@ -93,7 +93,7 @@ def test_a_start_gives_the_adapters_what_the_log_remembers(node: Node, monkeypat
     node.clock.pass_ms(10_000)
     again = Node(node.root, node.clock, monkeypatch).start()
     mesh, origin = Mesh(), Origin()
-    resume(config(), again.session, edges(mesh), again.inbox, origin)
+    resume(config(), remembered(again.session), edges(mesh), again.inbox, origin)
     assert origin.frame is not None
     kept = {nonce: left_ms for _, nonce, left_ms in mesh.window}
     assert kept == {first.nonce: 45_000 - 14_950 + 1, second.nonce: 45_000 - 10_000 + 1}
@@ -103,7 +103,7 @@ def test_a_start_gives_the_adapters_what_the_log_remembers(node: Node, monkeypat
 def test_a_configured_origin_is_recorded_once(node: Node) -> None:
     """From [flight] origin; else from where a fixed camera stands."""
     origin = Origin()
-    resume(config(flight={"origin": [47.1, 8.2, 400.0]}), node.session, edges(Mesh()), node.inbox, origin)
+    resume(config(flight={"origin": [47.1, 8.2, 400.0]}), remembered(node.session), edges(Mesh()), node.inbox, origin)
     set_origin(origin, node.inbox, (1.0, 2.0, 3.0), "first fix")
     node.turn()
     node.turn(after_ms=200)
@@ -115,7 +115,7 @@ def test_a_fixed_camera_stands_at_the_origin(node: Node) -> None:
     """Where nobody says otherwise."""
     pose = {"latitude_deg": 47.5, "longitude_deg": 8.0, "altitude_m": 410.0, "height_m": 6.0, "pitch_deg": -20.0}
     settings: Config = config(eyes={"pose": pose})
-    resume(settings, node.session, edges(Mesh()), node.inbox, Origin())
+    resume(settings, remembered(node.session), edges(Mesh()), node.inbox, Origin())
     node.turn()
     node.turn(after_ms=200)
     assert [one.place.latitude_e7 for one in of_kind(node.log(), "origin_set")] == [475_000_000]

@@ -12,6 +12,8 @@ from autopilot.node.inbox import Inbox
 from autopilot.ports.config import LimitsSection
 from autopilot.ports.edges import InputClass
 from events.schema.flight_pb2 import InputsDropped
+from events.schema.orders_pb2 import OrderReceived
+from tests.autopilot.node.nodes import FakeClock
 
 BOUNDS = {InputClass.ORDER: 3, InputClass.OUTCOME: 4, InputClass.TELEMETRY: 2, InputClass.FRAME: 3}
 ORDER_OF_TAKING = [InputClass.ORDER, InputClass.OUTCOME, InputClass.TELEMETRY, InputClass.FRAME]
@@ -25,9 +27,18 @@ steps = st.one_of(
 )
 
 
-def inbox() -> Inbox:
+def inbox(clock: FakeClock | None = None) -> Inbox:
     """Return an inbox with small bounds."""
-    return Inbox(LimitsSection(inbox_orders=3, inbox_outcomes=4, inbox_telemetry=2, inbox_frames=3))
+    return Inbox(
+        LimitsSection(inbox_orders=3, inbox_outcomes=4, inbox_telemetry=2, inbox_frames=3), clock or FakeClock()
+    )
+
+
+def commit(box: Inbox, clock: FakeClock, took_ms: float) -> None:
+    """Let the disk take its time over a commit."""
+    box.commit_began()
+    clock.pass_ms(took_ms)
+    box.commit_ended()
 
 
 def numbered(number: int) -> InputsDropped:
@@ -39,13 +50,14 @@ def numbered(number: int) -> InputsDropped:
 @given(st.lists(steps, max_size=60))
 def test_every_class_keeps_its_bound_and_its_way_of_overflowing(script: list[tuple[str, object]]) -> None:
     """Beside a plain model of four lists, the inbox gives the same answers, whatever is done to it."""
-    box, refuses = inbox(), False
+    clock = FakeClock()
+    box, refuses = inbox(clock), False
     model: dict[InputClass, list[int]] = {each: [] for each in InputClass}
     dropped = dict.fromkeys(DROPS, 0)
     for number, (what, value) in enumerate(script):
         if what == "refuse":
             refuses = bool(value)
-            box.refuse_orders(refuses)
+            commit(box, clock, 2001 if refuses else 1999)
         elif what == "dropped":
             assert box.take_dropped() == {each: count for each, count in dropped.items() if count}
             dropped = dict.fromkeys(DROPS, 0)
@@ -102,3 +114,38 @@ def test_a_wake_that_comes_before_the_sleep_is_not_lost() -> None:
     box = inbox()
     box.wake()
     check_returns(box, lambda: None, 0)
+
+
+def test_orders_are_refused_while_the_disk_stalls_and_until_a_commit_is_quick() -> None:
+    """Not only afterwards: what is taken in during a stall would be performed late."""
+    clock = FakeClock()
+    box = inbox(clock)
+    box.commit_began()
+    clock.pass_ms(1999)
+    assert box.offer(InputClass.ORDER, numbered(1))
+    clock.pass_ms(2)
+    assert not box.offer(InputClass.ORDER, numbered(2))
+    assert box.offer(InputClass.OUTCOME, numbered(3))
+    box.commit_ended()
+    assert not box.offer(InputClass.ORDER, numbered(4))
+    commit(box, clock, 5)
+    assert box.offer(InputClass.ORDER, numbered(5))
+
+
+def test_a_node_that_ends_takes_no_orders() -> None:
+    """Whatever the disk does."""
+    box = inbox()
+    box.close_to_orders()
+    box.disk_rested()
+    assert not box.offer(InputClass.ORDER, numbered(1))
+
+
+def test_an_order_ages_in_the_inbox() -> None:
+    """Its life counts from its record, so what it waited is taken off; none has less than nothing left."""
+    clock = FakeClock()
+    box = inbox(clock)
+    for life_ms in (10_000, 1_000):
+        box.offer(InputClass.ORDER, OrderReceived(life_ms=life_ms))
+    clock.pass_ms(5_000)
+    lives = [order.life_ms for order in box.take(0, 5) if isinstance(order, OrderReceived)]
+    assert lives == [5_000, 0]

@@ -14,8 +14,9 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from autopilot.sim.aircraft import Aircraft
-from autopilot.sim.process import BootClock, Simulation
+from autopilot.sim.process import Simulation
 from autopilot.sim.world import World
+from autopilot.trust.clock import HostClock
 from autopilot.wire.detections_pb2 import DetectionBatch
 
 WITHIN_S = 30.0
@@ -39,7 +40,7 @@ async def batch_from(reader: asyncio.StreamReader) -> DetectionBatch:
 @asynccontextmanager
 async def simulation(seconds: float = 60) -> AsyncIterator[Simulation]:
     aircraft = Aircraft(1, seconds)
-    running = Simulation(aircraft, World(1, aircraft.route), BootClock())
+    running = Simulation(aircraft, World(1, aircraft.route), HostClock())
     await running.start()
     try:
         yield running
@@ -109,7 +110,7 @@ def test_a_taken_port_is_an_error() -> None:
     async def story() -> None:
         async with simulation() as running:
             aircraft = Aircraft(2, 60)
-            other = Simulation(aircraft, World(2, aircraft.route), BootClock())
+            other = Simulation(aircraft, World(2, aircraft.route), HostClock())
             with pytest.raises(OSError, match="in use"):
                 await other.start(running.mavlink_port)
 

@@ -15,8 +15,9 @@ from autopilot.geo import Origin
 from autopilot.ports.config import VehicleSection
 from autopilot.ports.edges import InputClass
 from autopilot.sim.aircraft import HOME, Aircraft, Unkindness
-from autopilot.sim.process import BootClock, Simulation
+from autopilot.sim.process import Simulation
 from autopilot.sim.world import World
+from autopilot.trust.clock import HostClock
 from events.schema.vehicle_pb2 import (
     CommandAnswered,
     CommandSent,
@@ -77,7 +78,7 @@ def link_to(settings: VehicleSection, inbox: Inbox, clock: Any = None) -> Vehicl
     def on_first_fix(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
         origin.set(latitude_deg, longitude_deg, altitude_m)
 
-    return VehicleLink(settings, inbox.offer, clock or BootClock(), origin.place, on_first_fix, lambda: True)
+    return VehicleLink(settings, inbox.offer, clock or HostClock(), origin.place, on_first_fix, lambda: True)
 
 
 def test_outcomes_are_offered_until_taken_and_in_order() -> None:
@@ -113,7 +114,7 @@ def test_an_address_that_is_none_names_the_key(address: str) -> None:
 async def flight(unkind: Unkindness | None = None, **changes: Any) -> Any:
     """Yield a simulated aircraft, a link to it, and the link's inbox."""
     aircraft = Aircraft(1, 60, unkind=unkind)
-    simulation = Simulation(aircraft, World(1, aircraft.route), BootClock())
+    simulation = Simulation(aircraft, World(1, aircraft.route), HostClock())
     await simulation.start()
     inbox = Inbox()
     link = link_to(VehicleSection(connect=f"127.0.0.1:{simulation.mavlink_port}", **changes), inbox)
@@ -137,7 +138,7 @@ def test_a_place_is_accepted_and_the_gimbal_is_seen_to_arrive() -> None:
             await inbox.wait_for(PositionReported)
             place = plain_place(HOME[0] + 0.0005, HOME[1] - 0.0004, HOME[2])
             effect = PointAtPlace(vehicle=1, camera=1, gimbal=1, place=place, life_ms=10_000)
-            link.perform(42, effect, BootClock().mono_ns())
+            link.perform(42, effect, HostClock().mono_ns())
             answered = await inbox.wait_for(CommandAnswered)
             assert (answered.effect_seq, answered.mav_result, answered.attempts) == (42, 0, 1)
             far = await inbox.wait_for(GimbalReported, lambda told: told.effect_seq == 42)
@@ -149,7 +150,7 @@ def test_a_place_is_accepted_and_the_gimbal_is_seen_to_arrive() -> None:
             assert kinds.index(CommandSent) < kinds.index(CommandAnswered)
             assert sum(link.rejected.values()) == 0
             await inbox.wait_for(VehicleStateReported, lambda told: told.armed)
-            pose = link.pose_at(BootClock().mono_ns() - 100_000_000)  # while it may still have moved
+            pose = link.pose_at(HostClock().mono_ns() - 100_000_000)  # while it may still have moved
             assert pose is not None
             assert pose.camera_pitch_deg == pytest.approx(aircraft.gimbal.pitch_deg, abs=10)
             assert link.limits.pitch_max_deg == pytest.approx(20)
@@ -162,12 +163,12 @@ def test_lost_answers_are_asked_for_again_and_a_refusal_is_told() -> None:
     async def story() -> None:
         async with flight(Unkindness(answer_lost=1), answer_timeout_s=0.1, attempts=3) as (aircraft, link, inbox):
             await inbox.wait_for(VehicleLinkChanged)
-            link.perform(5, at_angles(), BootClock().mono_ns())
+            link.perform(5, at_angles(), HostClock().mono_ns())
             lost = await inbox.wait_for(CommandUnanswered)
             assert (lost.effect_seq, lost.attempts, lost.because) == (5, 3, "no answer")
             aircraft.unkind.answer_lost = 0
             aircraft.unkind.in_progress = 1
-            link.perform(6, at_angles(), BootClock().mono_ns())
+            link.perform(6, at_angles(), HostClock().mono_ns())
             await inbox.wait_for(CommandAnswered, lambda told: told.mav_result == 0)
             assert [told.mav_result for told in inbox.of(CommandAnswered)] == [5, 0]
 
@@ -181,13 +182,13 @@ def test_in_listen_mode_the_peer_speaks_first() -> None:
         link = link_to(VehicleSection(listen="127.0.0.1:0"), inbox)
         await link.start()
         aircraft = Aircraft(1, 60)
-        simulation = Simulation(aircraft, World(1, aircraft.route), BootClock())
+        simulation = Simulation(aircraft, World(1, aircraft.route), HostClock())
         await simulation.start()
         assert link.address is not None
         aircraft.meet(link.address)
         try:
             await inbox.wait_for(GimbalReported)
-            link.perform(5, at_angles(), BootClock().mono_ns())
+            link.perform(5, at_angles(), HostClock().mono_ns())
             assert (await inbox.wait_for(CommandAnswered)).mav_result == 0
         finally:
             await link.stop()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tests.checks import check_chart, check_equal
+from tests.flights import opened_well
 from tests.stories import Story
 
 
@@ -242,31 +243,18 @@ def test_a_refused_order_uses_up_its_number() -> None:
     )
 
 
-def test_malformed_orders_are_answered_and_their_nonce_counts() -> None:
-    """Rejected with the field's name; an order that brings the same nonce is a replay."""
-    story = check_chart(
-        "command",
-        """
-        at_s | observe     | state | say        | why
-        0    | malformed a | -     | a rejected | camera_roi.lat_e7: 95 degrees
-        0    | malformed a | -     | a rejected | camera_roi.lat_e7: 95 degrees
-        """,
-    )
-    check_equal(len(story.flight.state.nonces), 1)
-    check_equal(len(story.flight.state.owed_acks), 0)
-
-
-def test_a_nonce_is_forgotten_after_its_life() -> None:
-    """Until 45 s after the order it is a replay, from then on a fresh order."""
+def test_a_place_before_the_origin() -> None:
+    """Nothing has a place yet: refused once and for good; a direction needs none."""
+    opening = [message for message in opened_well() if message.DESCRIPTOR.name != "OriginSet"]
     check_chart(
         "command",
         """
-        at_s    | observe               | state         | say           | why
-        0       | order a dance nonce=n | a unsupported | a unsupported | unknown kind of order
-        44.999  | order b dance nonce=n | b rejected    | b rejected    | replayed
-        89.998  | order c dance nonce=n | c rejected    | c rejected    | replayed
-        134.998 | order d dance nonce=n | d unsupported | d unsupported | unknown kind of order
+        at_s | observe       | say              | why
+        0    | order a point | a rejected       | this node has no position yet
+        0    | again a       | a rejected again | this node has no position yet
+        0    | order b turn  | turn -30,90      | all gates passed
         """,
+        Story(*opening),
     )
 
 

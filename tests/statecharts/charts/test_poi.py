@@ -68,6 +68,48 @@ def test_a_person_declines() -> None:
     check_equal([story.flight.state.objects[number].muted_by for number in (1, 2, 3)], [story.pois[0]] * 2 + [""])
 
 
+def test_a_mute_is_a_places_not_a_walkers() -> None:
+    """Whoever walks past a muted place is seen again further on; who comes back to it is quiet again."""
+    story = check_chart(
+        "poi",
+        """
+        at_s | observe             | state       | say                        | why
+        0    | frame person@0,0    | -           | open p1 for 1              | -
+        0    | time                | p1 surfaced | -                          | put to an operator
+        1    | order a decline p1  | p1 declined | a accepted; alpha mutes p1 | declined by a person
+        2    | frame person@7,0    | -           | 1 muted by p1              | -
+        3    | frame person@14,0   | -           | -                          | -
+        4    | frame person@21,0   | -           | 1 leaves p1                | -
+        5    | frame person@14,0   | -           | 1 muted by p1              | -
+        6    | frame person@21,0   | -           | 1 leaves p1                | -
+        7    | frame person@28,0   | -           | open p2 for 1              | -
+        7    | time                | p2 surfaced | -                          | put to an operator
+        """,
+        sightings_to_ask=1,
+    )
+    check_equal(story.flight.state.ignored[story.pois[0]].muted, 5)
+
+
+def test_what_joined_a_question_leaves_it_but_what_it_is_about_stays() -> None:
+    """The confirmed one may walk where it likes; its neighbour that walks away is a finding of its own."""
+    check_chart(
+        "poi",
+        """
+        at_s | observe                       | state        | say           | why
+        0    | frame person@0,0              | -            | open p1 for 1 | -
+        0    | time                          | p1 surfaced  | -             | put to an operator
+        1    | order a confirm p1            | p1 confirmed | a accepted    | confirmed by a person
+        2    | frame person@0,0 person@12,0  | -            | 2 joins p1    | -
+        3    | frame person@-7,0 person@19,0 | -            | 2 leaves p1   | -
+        4    | frame person@-14,0            | -            | -             | -
+        5    | frame person@-21,0            | -            | -             | -
+        6    | frame person@19,0             | -            | open p2 for 2 | -
+        6    | time                          | p2 surfaced  | -             | put to an operator
+        """,
+        sightings_to_ask=1,
+    )
+
+
 def test_waiting_questions_like_a_declined_one_are_suppressed() -> None:
     """Near and of its group; one that people look at already is theirs to decide."""
     story = Story(sightings_to_ask=1, asks_per_minute=2)
