@@ -124,8 +124,9 @@ def test_the_whole_story(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr[-3000:]
     summary = json.loads(run.stdout)
     assert summary["replay"] == "identical"
-    assert summary["orders"] == {"accepted": 6, "rejected": 0, "timeout": 0, "unsupported": 0, "unauthorised": 1}
+    assert summary["orders"] == {"accepted": 7, "rejected": 0, "timeout": 0, "unsupported": 0, "unauthorised": 1}
     assert (summary["pois"]["confirmed"], summary["pois"]["declined"]) == (1, 1)
     bundle = json.loads(Path(summary["bundle"]).read_text())
     assert [row["duplicates"] > 0 for row in bundle["audit"] if row["result"] == "accepted"].count(True) >= 2
+    assert sum(item["muted"] for item in bundle["ignored_items"]) > 0
     assert re.search(r"published [2-9] times, and done once", run.stderr)

@@ -78,6 +78,8 @@ def _next(folder: Path, flight: Path, records: list[Record], say: Say) -> None:
         f"replay why {flight} {_first_pointing(records)}",
         f"status --projections {folder / 'node' / 'projections.db'}",
         f"replay verify {flight}",
+        f"export proof {flight} --seq {_first_pointing(records)} {folder / 'proof.json'}",
+        f"verify {folder / 'proof.json'}",
     ):
         say(f"  {program} {words}")
 

@@ -25,6 +25,7 @@ from events.schema.waypoint_pb2 import CameraStatus, NodeStatus, PoiStatus
 WHOLE_STORY_S = 45.0
 ROUTER_AWAY_S = 5.0
 ORDER_LIFE_S = 15.0
+LOOK_AGAIN_S = 2.5
 
 Say = Callable[[str], None]
 
@@ -188,6 +189,18 @@ class Story:
         )
         self._expect(declined, "accepted")
         self.say(f"K-2 declines the {_finding(doubtful)}: {declined.result}. What is like it and near it stays quiet.")
+        if whole:
+            self._look_again(doubtful)
+
+    def _look_again(self, declined: PoiStatus) -> None:
+        """Point at what was declined: it is seen again, and nobody is asked again."""
+        place = compose.point_at_place(declined.latitude_e7 / 1e7, declined.longitude_e7 / 1e7, HOME[2])
+        self._expect(self.second.wait(self.second.send(NODE, place, ORDER_LIFE_S)), "accepted")
+        camera = _camera(self._wait(lambda status: _camera(status).aim in ("arrived", "missed"), "the gimbal", 12))
+        time.sleep(LOOK_AGAIN_S)
+        if any(poi.mgrs == declined.mgrs and poi.class_name == declined.class_name for poi in self._status().pois):
+            raise Surprise("a declined finding was asked about again")
+        self.say(f"K-2 looks at it once more ({_aim(camera)}): no question.")
 
     def _wait_for_questions(self) -> list[PoiStatus]:
         """Wait for two questions, or until the aircraft is on its way down."""
