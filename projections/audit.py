@@ -25,9 +25,9 @@ from events.schema.vehicle_pb2 import (
     ReleasePointing,
 )
 from projections.describe import order_verb, order_words, result_word
+from projections.picture import RESULTS
 from projections.rows import Projection, Table
 
-FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
 JUDGEMENTS = ("confirmed", "declined")
 
 
@@ -158,7 +158,7 @@ def _order_moved(audit: Audit, record: Record, moved: Moved) -> None:
     arrival = _judged_now(audit, record)
     if arrival is not None:
         _order(audit, arrival, "order")
-    final = {"result": moved.to_state, "detail": moved.because} if moved.to_state in FINAL else {}
+    final = {"result": moved.to_state, "detail": moved.because} if moved.to_state in RESULTS else {}
     _rest_on(audit, audit.orders.get(moved.instance), record, **final)
 
 

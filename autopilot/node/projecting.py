@@ -42,7 +42,13 @@ class Projecting:
         try:
             self._fold()
             self._trouble = ""
-        except (OSError, sqlite3.Error) as error:
+        except (
+            OSError,
+            sqlite3.Error,
+            LookupError,
+            ValueError,
+        ) as error:  # the store, its rows, or a record of the log
+            self._projector = None  # its memory may be ahead of its tables
             if str(error) != self._trouble:
                 self._trouble = str(error)
                 print(f"autopilot: the projections are behind: {self._path}: {error}", file=sys.stderr, flush=True)

@@ -12,6 +12,7 @@ from events.schema.flight_pb2 import BaselineCarried
 from projections import audit as fold
 from projections.audit import AuditRow
 from statecharts import carry_over
+from statecharts.charts.command import FINAL
 from tests.breaking import break_chart
 from tests.flights import (
     Flight,
@@ -187,7 +188,7 @@ def test_rows_agree_with_the_core(drawn: list[Draw]) -> None:
     rows = rows_of(flight)
     found = {f"{row.principal_id}/{row.command_id}": row for row in rows if row.what == "order"}
     assert {key: row.detail for key, row in found.items() if row.result} == {
-        key: order.detail for key, order in flight.state.orders.items() if order.state in fold.FINAL
+        key: order.detail for key, order in flight.state.orders.items() if order.state in FINAL
     }
     assert {key: row.mav_result for key, row in found.items()} == {
         key: order.mav_result for key, order in flight.state.orders.items()

@@ -24,6 +24,7 @@ from autopilot.node.projecting import Projecting
 from autopilot.node.upkeep import Rejections, report_rejections
 from autopilot.ports.config import Config
 from autopilot.ports.edges import InputClass
+from projections.store import Projector, read_status
 from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind
 from tests.flights import answered, point_at_place, sent
 
@@ -216,3 +217,22 @@ def test_projections_wait_for_better_times(node: Node, tmp_path: Path, block: st
     assert not asyncio.run(run())
     assert path.is_file()
     assert path.read_bytes().startswith(b"SQLite format 3")
+
+
+def test_a_fold_that_fails_begins_anew(
+    node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is said, the daemon's end is not disturbed, and the next round reads from the beginning."""
+    board = Board(lambda: 0)
+    board.follow(node.session)
+    projecting = Projecting(tmp_path / "projections.db", board)
+
+    def broken(_self: Projector, _reader: object) -> int:
+        raise KeyError("odd")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Projector, "catch_up", broken)
+        projecting._catch_up()
+    assert "the projections are behind" in capsys.readouterr().err
+    projecting._catch_up()
+    assert read_status(tmp_path / "projections.db")["head_seq"] == node.session.store.head.seq
