@@ -12,6 +12,7 @@ from typing import NamedTuple
 from google.protobuf.message import DecodeError, Message
 
 from events.kinds import Kind, UnknownKind, kind_numbered, kind_of
+from events.upcasts import lift
 
 NO_CAUSE = -1
 
@@ -40,7 +41,7 @@ class Record:
     kind: Kind
     version: int  # version of the body as it was recorded
     body: bytes
-    message: Message
+    message: Message  # of the present version, whatever the body is of
 
 
 class Stored(NamedTuple):
@@ -67,12 +68,12 @@ def make_record(seq: int, cause: int, at: Moment, message: Message) -> Record:
 
 
 def read_record(stored: Stored) -> Record:
-    """Make a record of stored bytes. Raises UnknownKind and BodyBroken."""
+    """Make a record of stored bytes, which stay what they are. Raises UnknownKind and BodyBroken."""
     kind = kind_numbered(stored.kind_number)
-    if stored.version != kind.version:
+    if not 1 <= stored.version <= kind.version:
         raise UnknownKind(f"record {stored.seq} is {kind.name} version {stored.version}; known is {kind.version}")
     try:
-        message = kind.message.FromString(stored.body)
+        message = lift(kind, stored.version, stored.body)
     except DecodeError as error:
         raise BodyBroken(f"the body of record {stored.seq} is no {kind.name}: {error}") from error
     return Record(stored.seq, stored.cause, stored.at, kind, stored.version, stored.body, message)

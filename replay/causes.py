@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from google.protobuf.message import DecodeError
-
-from events import KINDS, NO_CAUSE, BodyBroken, UnknownKind, kind_numbered, read_record
+from events import KINDS, NO_CAUSE, BodyBroken, UnknownKind, read_record
 from events.records import Stored
 from events.store import Reader
 from projections.describe import describe
@@ -42,8 +40,8 @@ def led_from(stored: Stored) -> int:
     if stored.cause != NO_CAUSE or stored.kind_number not in _ANSWERS:
         return stored.cause
     try:
-        message = kind_numbered(stored.kind_number).message.FromString(stored.body)
-    except DecodeError:
+        message = read_record(stored).message
+    except (UnknownKind, BodyBroken):
         return NO_CAUSE
     return int(message.effect_seq) if message.HasField("effect_seq") else NO_CAUSE  # type: ignore[attr-defined]
 

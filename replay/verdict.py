@@ -10,9 +10,10 @@ from replay.causes import Line
 
 
 class Outcome(Enum):
-    """The four ends of a verification."""
+    """The ends of a verification."""
 
     IDENTICAL = "identical"
+    INTENDED = "intended difference"  # what differs is what a later logic decides otherwise, and nothing else
     DIVERGES = "diverges"
     BROKEN = "broken chain"
     UNREADABLE = "unreadable"
@@ -37,6 +38,14 @@ class Divergence:
 
 
 @dataclass(frozen=True, slots=True)
+class Since:
+    """A logic that decides otherwise than the flight's."""
+
+    logic: int
+    says: str
+
+
+@dataclass(frozen=True, slots=True)
 class Verdict:
     """The result of a verification."""
 
@@ -47,15 +56,16 @@ class Verdict:
     first: Divergence | None = (
         None  # for a broken chain: what the broken record should have said, where replay can tell
     )
-    further: int = 0  # further steps that diverge
+    further: int = 0  # further steps that diverge, or that differ as intended where nothing diverges
+    since: Since | None = None  # the first later logic that explains a difference
     seq: int | None = None  # where the chain breaks or reading ends
     detail: str = ""  # why, for a broken chain or an unreadable log
     leaf: str = ""  # hex: leaf of the last record whose chain held
 
     @property
     def holds(self) -> bool:
-        """Whether the log replays identically."""
-        return self.outcome is Outcome.IDENTICAL
+        """Whether the log replays identically, or differs only where a later logic decides otherwise."""
+        return self.outcome in (Outcome.IDENTICAL, Outcome.INTENDED)
 
     def words(self) -> str:
         """Return the verdict in one line."""
@@ -63,9 +73,11 @@ class Verdict:
         match self.outcome:
             case Outcome.IDENTICAL:
                 return f"identical: {counted}"
-            case Outcome.DIVERGES:
-                first = self.first.words() if self.first else ""
-                return f"diverges: {first}; further steps that diverge: {self.further} ({counted})"
+            case Outcome.INTENDED if self.since and self.first:
+                since = f"intended difference since logic {self.since.logic} ({self.since.says})"
+                return f"{since}: {self.first.words()}; further steps that differ: {self.further} ({counted})"
+            case Outcome.DIVERGES if self.first:
+                return f"diverges: {self.first.words()}; further steps that diverge: {self.further} ({counted})"
         differs = f"; {self.first.words()}" if self.first else ""
         return f"{self.outcome.value}: {self.detail}{differs} ({counted})"
 

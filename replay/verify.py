@@ -12,8 +12,6 @@ import base64
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from google.protobuf.message import DecodeError
-
 from events import (
     KINDS,
     BodyBroken,
@@ -22,18 +20,19 @@ from events import (
     Record,
     Role,
     UnknownKind,
-    kind_numbered,
     read_record,
 )
 from events.records import Stored
-from events.schema.flight_pb2 import FlightOpened
+from events.schema.flight_pb2 import FlightOpened, NodeStarted
 from events.store import Reader
 from events.tree import Peaks
 from projections.describe import describe
 from replay.causes import Line, chain, line
 from replay.fields import first_difference
-from replay.verdict import Divergence, Outcome, Verdict
-from statecharts import State, restore, step
+from replay.same import meant, said, same
+from replay.verdict import Divergence, Outcome, Since, Verdict
+from statecharts import State, logic, restore, step
+from statecharts.logic import Change
 
 Progress = Callable[[int, int], None]  # records done, records in all
 
@@ -61,7 +60,7 @@ def verify(reader: Reader, progress: Progress | None = None) -> Verdict:
         run.whole(progress or _silent)
     except _Ended as end:
         return run.verdict(end.outcome, end.seq, end.detail)
-    return run.verdict(Outcome.DIVERGES if run.first else Outcome.IDENTICAL)
+    return run.verdict(run.outcome())
 
 
 def _silent(_done: int, _of: int) -> None:
@@ -78,6 +77,10 @@ class _Run:
         self.decisions = 0
         self.first: Divergence | None = None
         self.diverged = 0
+        self.logic = 0  # that the steps were decided by
+        self.since: Change | None = None
+        self.intended: Divergence | None = None  # the first difference that a change of logic explains
+        self.intentions = 0
         self.sealed = Chain(reader.flight_id, reader.secret)
 
     def whole(self, progress: Progress) -> None:
@@ -110,6 +113,12 @@ class _Run:
         self._step(recorded)
         progress(head.seq + 1, head.seq + 1)
 
+    def outcome(self) -> Outcome:
+        """Return the outcome of a flight that was followed to its end."""
+        if self.first is not None:
+            return Outcome.DIVERGES
+        return Outcome.INTENDED if self.intended is not None else Outcome.IDENTICAL
+
     def verdict(self, outcome: Outcome, seq: int | None = None, detail: str = "") -> Verdict:
         """Return what was found."""
         return Verdict(
@@ -117,8 +126,9 @@ class _Run:
             flight_id=self.reader.flight_id.hex(),
             records=self.records,
             decisions=self.decisions,
-            first=self.first,
-            further=max(self.diverged - 1, 0),
+            first=self.first or self.intended,
+            further=max((self.diverged or self.intentions) - 1, 0),
+            since=None if self.since is None else Since(self.since.logic, self.since.says),
             seq=seq,
             detail=detail,
             leaf=self.sealed.leaf.hex(),
@@ -147,14 +157,32 @@ class _Run:
         observation = _read(recorded[0])
         if observation.seq == 0:
             _check_manifest(observation, self.reader.flight_id)
+        if isinstance(observation.message, FlightOpened | NodeStarted):
+            self._note_logic(observation.seq, observation.message)
         replayed = step(self.state, observation).records
         self.decisions += len(recorded) - 1
-        if len(replayed) == len(recorded) and all(map(_same, recorded, replayed)):
+        if len(replayed) == len(recorded) and all(map(same, recorded, replayed)):
             return
-        self.diverged += 1
-        if self.first is None:
-            self.first = _divergence(self.reader, recorded, replayed)
+        self._differs(recorded, replayed)
         self._follow(recorded, observation)
+
+    def _note_logic(self, seq: int, start: FlightOpened | NodeStarted) -> None:
+        self.logic = start.logic or self.logic
+        if self.logic > logic.LOGIC:
+            known = f"it was decided by logic {self.logic}, and this software knows none above {logic.LOGIC}"
+            raise _Ended(Outcome.UNREADABLE, seq, f"{known}: replay it with software {start.software} or later")
+
+    def _differs(self, recorded: Sequence[Stored], replayed: Sequence[Record]) -> None:
+        """Take down a step that came out otherwise."""
+        change = meant(self.logic, recorded, replayed)
+        if change is None:
+            self.diverged += 1
+            self.first = self.first or _divergence(self.reader, recorded, replayed)
+            return
+        self.intentions += 1
+        if self.since is None or change.logic < self.since.logic:
+            self.since = change
+        self.intended = self.intended or _divergence(self.reader, recorded, replayed)
 
     def _follow(self, recorded: Sequence[Stored], observation: Record) -> None:
         """Go on from what was recorded; where that can't be applied, from what was replayed."""
@@ -208,33 +236,17 @@ def _check_manifest(first: Record, flight_id: bytes) -> None:
         raise _Ended(Outcome.BROKEN, 0, f"the manifest is that of flight {first.message.flight_id.hex()}")
 
 
-def _same(stored: Stored, record: Record) -> bool:
-    return (
-        stored.body == record.body
-        and stored.kind_number == record.kind.number
-        and stored.seq == record.seq
-        and stored.cause == record.cause
-        and stored.at == record.at
-        and stored.version == record.version
-    )
-
-
-def _said(decision: Stored | Record) -> tuple[int, bytes]:
-    number = decision.kind_number if isinstance(decision, Stored) else decision.kind.number
-    return number, decision.body
-
-
 def _divergence(reader: Reader, recorded: Sequence[Stored], replayed: Sequence[Record]) -> Divergence:
     """Return the first difference of a step; its observation is the same in both."""
     index = 1
-    while index < min(len(recorded), len(replayed)) and _same(recorded[index], replayed[index]):
+    while index < min(len(recorded), len(replayed)) and same(recorded[index], replayed[index]):
         index += 1
     rest, other = recorded[index:], replayed[index:]
     if not rest:
         return _lacking(reader, recorded[-1].seq + 1, other[0])
     if not other:
         return _needless(reader, rest[0])
-    mine, theirs = [_said(one) for one in rest], [_said(one) for one in other]
+    mine, theirs = [said(one) for one in rest], [said(one) for one in other]
     if mine[0] == theirs[0]:
         return _header(reader, rest[0], other[0])
     if len(mine) == len(theirs) and sorted(mine) == sorted(theirs):
@@ -279,8 +291,8 @@ def _header(reader: Reader, recorded: Stored, replayed: Record) -> Divergence:
 def _body(reader: Reader, recorded: Stored, replayed: Record) -> Divergence:
     seq, name, causes = recorded.seq, replayed.kind.name, chain(reader, recorded.seq)
     try:
-        message = kind_numbered(recorded.kind_number).message.FromString(recorded.body)
-    except DecodeError:
+        message = read_record(recorded).message
+    except BodyBroken:
         return Divergence(seq, name, "encoding", "", f"{len(recorded.body)} bytes that are no {name}", "", causes)
     found = first_difference(message, replayed.message)
     if found is None:

@@ -2,7 +2,6 @@
 
 from statecharts.carry import carry_over as carry_over
 from statecharts.charts import CHARTS as CHARTS
-from statecharts.engine import LOGIC as LOGIC
 from statecharts.engine import Step as Step
 from statecharts.engine import charts_digest as charts_digest
 from statecharts.engine import evolve as evolve

@@ -21,9 +21,6 @@ from statecharts.part import Evolve, Part
 from statecharts.state import State
 from statecharts.table import rows_text
 
-# Grows whenever a chart decides otherwise than before on the same log.
-LOGIC = 1
-
 
 @dataclass(frozen=True, slots=True)
 class Step:

@@ -1,7 +1,8 @@
-"""Charts that raise, for tests of what the engine does then. Nothing outside a test is touched."""
+"""Charts that raise or decide otherwise, for tests of what is said of it. Nothing outside a test is touched."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -16,6 +17,22 @@ def break_chart(monkeypatch: pytest.MonkeyPatch, chart: str, kind: str) -> None:
     """Let a chart raise RuntimeError whenever it is asked about a kind of record; it says what it can before."""
     places = tuple((bit, _broken(part, chart, kind)) for bit, part in engine._PLACES)
     monkeypatch.setattr(engine, "_PLACES", places)
+
+
+def alter_chart(monkeypatch: pytest.MonkeyPatch, chart: str, change: Callable[[Message], Message | None]) -> None:
+    """Let a chart decide otherwise: each of its decisions is what `change` makes of it, or none."""
+    places = tuple((bit, _altered(part, chart, change)) for bit, part in engine._PLACES)
+    monkeypatch.setattr(engine, "_PLACES", places)
+
+
+def _altered(part: Part, chart: str, change: Callable[[Message], Message | None]) -> Part:
+    if part.chart.name != chart:
+        return part
+
+    def decide(state: State, record: Record) -> tuple[Message, ...]:
+        return tuple(said for decision in part.decide(state, record) if (said := change(decision)) is not None)
+
+    return replace(part, decide=decide)
 
 
 def _broken(part: Part, chart: str, kind: str) -> Part:

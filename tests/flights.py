@@ -56,7 +56,8 @@ from events.schema.vehicle_pb2 import (
 )
 from events.store import MemoryStore
 from events.store.protocol import Appender
-from statecharts import LOGIC, State, charts_digest, step
+from statecharts import State, charts_digest, step
+from statecharts.logic import LOGIC
 
 FLIGHT_ID = bytes(range(16))
 SECRET = bytes(range(32))

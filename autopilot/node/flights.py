@@ -26,7 +26,8 @@ from events.schema.state_pb2 import CarriedState
 from events.schema.vehicle_pb2 import VehicleStateReported
 from events.store import Appender, Flight, StoreFailed, create_flight, flights_in, open_flight
 from events.store.recovery import Action, Finding, KeptLog, examine
-from statecharts import LOGIC, State, carry_over, charts_digest, restore, step, steps_of
+from statecharts import State, carry_over, charts_digest, restore, step, steps_of
+from statecharts.logic import LOGIC
 
 RandomBytes = Callable[[int], bytes]
 OnRecords = Callable[[tuple[Record, ...]], None]
@@ -188,7 +189,13 @@ class Flights:
         return last.boot + (session.started.boot_id != self._identity.boot_id)
 
     def _started(self, start: int, outage_ns: int) -> flight_pb2.NodeStarted:
-        return flight_pb2.NodeStarted(boot_id=self._identity.boot_id, start=start, outage_ns=outage_ns)
+        return flight_pb2.NodeStarted(
+            boot_id=self._identity.boot_id,
+            start=start,
+            outage_ns=outage_ns,
+            logic=LOGIC,
+            software=self._identity.software,
+        )
 
     def _record(self, session: Session, observations: Sequence[Message], on_records: OnRecords) -> None:
         steps = [session.observe(observation) for observation in observations]
@@ -225,6 +232,7 @@ def _note(session: Session, observation: Record) -> None:
     match observation.message:
         case flight_pb2.NodeStarted():
             session.started = observation.message
+            session.logic = observation.message.logic or session.logic
         case flight_pb2.FlightOpened():
             session.logic = observation.message.logic
         case flight_pb2.FlightClosed():

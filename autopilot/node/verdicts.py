@@ -1,8 +1,9 @@
 """The verdict of the self-replay: each flight that is over is run again by a child process, and the answer is signed.
 
-It is a note beside the log, by the node's own key, that names the log's head: REPLAYS, DIVERGES@seq, or
-INCOMPLETE(seq-) where the log can't be followed from that record on. A flight that was closed while the process ended,
-or that a boot closed, is judged at the next start. Nothing is decided here; the child is `autopilot replay verify`.
+It is a note beside the log, by the node's own key, that names the log's head: REPLAYS, DIVERGES@seq, INTENDED@seq
+(what differs is what a later logic of this node decides otherwise), or INCOMPLETE(seq-) where the log can't be followed
+from that record on. A flight that was closed while the process ended, or that a boot closed, is judged at the next
+start. Nothing is decided here; the child is `autopilot replay verify`.
 """
 
 from __future__ import annotations
@@ -29,9 +30,14 @@ _NICEST = 19  # the child has all the time; the node has not
 
 def verdict_of(found: dict[str, Any]) -> str:
     """Return what `autopilot replay verify --json` found, as the one word that is signed."""
-    if found["outcome"] == "identical":
-        return "REPLAYS"
-    return f"DIVERGES@{found['first']['seq']}" if found["outcome"] == "diverges" else f"INCOMPLETE({found['seq']}-)"
+    match found["outcome"]:
+        case "identical":
+            return "REPLAYS"
+        case "intended difference":
+            return f"INTENDED@{found['first']['seq']}"
+        case "diverges":
+            return f"DIVERGES@{found['first']['seq']}"
+    return f"INCOMPLETE({found['seq']}-)"
 
 
 class Verdicts:

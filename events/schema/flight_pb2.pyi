@@ -442,22 +442,30 @@ class NodeStarted(_message.Message):
     BOOT_ID_FIELD_NUMBER: _builtins.int
     START_FIELD_NUMBER: _builtins.int
     OUTAGE_NS_FIELD_NUMBER: _builtins.int
+    LOGIC_FIELD_NUMBER: _builtins.int
+    SOFTWARE_FIELD_NUMBER: _builtins.int
     boot_id: _builtins.str
     """The kernel's boot id."""
     start: _builtins.int
     """How many times a daemon has started in this flight, from 1."""
     outage_ns: _builtins.int
     """Time between the last record and this start, in nanoseconds; 0 for the first start."""
+    logic: _builtins.int
+    """Logic number of the daemon that decides from here on; absent: that of the manifest."""
+    software: _builtins.str
+    """Version of its software; absent: that of the manifest."""
     def __init__(
         self,
         *,
         boot_id: _builtins.str | None = ...,
         start: _builtins.int | None = ...,
         outage_ns: _builtins.int | None = ...,
+        logic: _builtins.int | None = ...,
+        software: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["boot_id", b"boot_id", "outage_ns", b"outage_ns", "start", b"start"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["boot_id", b"boot_id", "logic", b"logic", "outage_ns", b"outage_ns", "software", b"software", "start", b"start"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["boot_id", b"boot_id", "outage_ns", b"outage_ns", "start", b"start"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["boot_id", b"boot_id", "logic", b"logic", "outage_ns", b"outage_ns", "software", b"software", "start", b"start"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

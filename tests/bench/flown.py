@@ -17,7 +17,8 @@ from events.schema.eyes_pb2 import FrameObserved
 from events.schema.flight_pb2 import BaselineCarried, FlightOpened, NodeStarted, OriginSet, TimePassed
 from events.schema.state_pb2 import CarriedState
 from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
-from statecharts.engine import LOGIC, step
+from statecharts.engine import step
+from statecharts.logic import LOGIC
 from statecharts.state import State
 from tests.bench.flight import FLIGHT_ID, STEP_NS, STEPS_A_SECOND, detection, message, moment, place
 

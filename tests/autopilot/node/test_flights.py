@@ -16,10 +16,11 @@ from events.schema.flight_pb2 import (
     NodeStarted,
 )
 from events.store import flights_in
-from statecharts import LOGIC, State, charts_digest, restore, steps_of
+from statecharts import State, charts_digest, logic, restore, steps_of
+from statecharts.logic import LOGIC
 from tests.autopilot.node.histories import Begin, check_hands_over, check_history, fly
 from tests.autopilot.node.nodes import FakeClock, config, heard_vehicle, of_kind, vehicle_state
-from tests.checks import check_same
+from tests.checks import check_equal, check_same
 from tests.flights import point_at_place
 
 
@@ -33,7 +34,9 @@ def test_the_first_flight_has_a_manifest_and_an_empty_baseline(begin: Begin, tmp
     assert (manifest.previous_flight_id, manifest.previous_leaf) == (b"", b"")
     assert node.session.flight.folder.name == "000001-01010101"
     assert next(of_kind(node.log(), "baseline_carried")).ByteSize() == 2
-    assert list(of_kind(node.log(), "node_started")) == [NodeStarted(boot_id="boot-1", start=1, outage_ns=0)]
+    assert list(of_kind(node.log(), "node_started")) == [
+        NodeStarted(boot_id="boot-1", start=1, outage_ns=0, logic=LOGIC, software="0.1.0")
+    ]
     assert node.disk.appends == 1  # whole or not at all: a log with half an opening could not go on
     check_history(tmp_path, (1, ""))
 
@@ -63,8 +66,8 @@ def test_a_start_in_the_same_boot_goes_on(begin: Begin, clock: FakeClock, tmp_pa
     started = [record for record in again.log() if record.kind.name == "node_started"]
     gone_ns = clock.mono - 1_000_000 - last.mono_ns
     assert [record.message for record in started] == [
-        NodeStarted(boot_id="boot-1", start=1, outage_ns=0),
-        NodeStarted(boot_id="boot-1", start=2, outage_ns=gone_ns),
+        NodeStarted(boot_id="boot-1", start=1, outage_ns=0, logic=LOGIC, software="0.1.0"),
+        NodeStarted(boot_id="boot-1", start=2, outage_ns=gone_ns, logic=LOGIC, software="0.1.0"),
     ]
     assert started[1].at.flight_ns == last.flight_ns + gone_ns
     assert started[1].at.boot == last.boot == 1
@@ -124,6 +127,12 @@ def test_another_boot_is_another_flight(begin: Begin, clock: FakeClock, tmp_path
     assert begin(boot_id="boot-3").start().log(2)[0].at.boot == 3
 
 
+def update(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the software be one of a later logic."""
+    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
+    monkeypatch.setattr(logic, "LOGIC", LOGIC + 1)
+
+
 def test_another_logic_on_the_ground_is_another_flight(
     begin: Begin, clock: FakeClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -132,7 +141,7 @@ def test_another_logic_on_the_ground_is_another_flight(
     fly(node)
     node.kill()
     clock.pass_ms(3_000)
-    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
+    update(monkeypatch)
     again = begin().start()
     check_history(tmp_path, (1, "CLOSE_LOGIC_CHANGED"), (1, ""))
     check_hands_over(again.log(0), again.log(1))
@@ -147,9 +156,13 @@ def test_another_logic_in_the_air_goes_on(begin: Begin, tmp_path: Path, monkeypa
     node.tell(*heard_vehicle())
     node.turn(after_ms=200)
     node.kill()
-    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
-    begin().start()
+    update(monkeypatch)
+    again = begin().start()
     check_history(tmp_path, (2, ""))
+    check_equal([one.logic for one in of_kind(again.log(), "node_started")], [LOGIC, LOGIC + 1])
+    again.kill()
+    begin().start()
+    check_history(tmp_path, (3, ""))  # the newest start's logic counts, not the manifest's
 
 
 def test_a_session_that_was_just_opened_has_performed_its_effects_once(begin: Begin) -> None:
