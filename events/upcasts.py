@@ -40,11 +40,13 @@ def ladder(kinds: Iterable[Kind], upcasts: Iterable[Upcast]) -> dict[tuple[str, 
     for upcast in upcasts:
         if steps.setdefault((upcast.kind, upcast.version), upcast) is not upcast:
             raise UpcastGap(f"there are two upcasts of {upcast.kind} version {upcast.version}")
-    wanted = {(kind.name, version) for kind in kinds for version in range(1, kind.version)}
-    for name, version in sorted(wanted - steps.keys()):
-        raise UpcastGap(f"no upcast lifts {name} version {version}: logs that hold it could not be read")
-    for name, version in sorted(steps.keys() - wanted):
-        raise UpcastGap(f"the upcast of {name} version {version} leads to a version that does not exist")
+    wanted = [(kind.name, version) for kind in kinds for version in range(1, kind.version)]
+    for name, version in wanted:
+        if (name, version) not in steps:
+            raise UpcastGap(f"no upcast lifts {name} version {version}: logs that hold it could not be read")
+    for name, version in steps:
+        if (name, version) not in wanted:
+            raise UpcastGap(f"the upcast of {name} version {version} leads to a version that does not exist")
     return steps
 
 

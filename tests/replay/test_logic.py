@@ -158,9 +158,9 @@ def test_another_order_of_the_same_decisions_is_never_meant(monkeypatch: pytest.
 
 def test_a_start_in_the_air_says_which_logic_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was decided before it is held to the old logic, what was decided after it to the new one."""
+    flight = story()
     know(monkeypatch, SURER)
     alter_chart(monkeypatch, "poi", surer)
-    flight = story()
     opened, start = at(flight, "poi_opened"), at(flight, "node_started")
     check_intended(told(flight, 1), since=2, seq=opened, further=0)
     check_divergence(changed(told(flight, 1), start, NodeStarted(boot_id="boot", start=1, logic=2)), opened, further=0)
