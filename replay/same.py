@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+from google.protobuf.message import DecodeError
+
 from events import BodyBroken, Record, UnknownKind, encode, kind_numbered, read_record
 from events.records import Stored
 from statecharts import logic
@@ -47,14 +49,11 @@ def meant(recorded_logic: int, recorded: Sequence[Stored], replayed: Sequence[Re
     differing = [*(mine - theirs), *(theirs - mine)]
     try:
         messages = [kind_numbered(number).message.FromString(body) for number, body in differing]
-    except ValueError:  # no message: forged
+    except DecodeError:  # no message of its kind: forged
         return None
     return logic.since(recorded_logic, messages) if messages else None
 
 
 def _same_when_lifted(stored: Stored, record: Record) -> bool:
-    return (
-        stored.version < record.version
-        and (stored.seq, stored.cause, stored.at) == (record.seq, record.cause, record.at)
-        and said(stored) == said(record)
-    )
+    header = stored.seq, stored.cause, stored.at
+    return header == (record.seq, record.cause, record.at) and said(stored) == said(record)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,10 +14,13 @@ from google.protobuf.message import Message
 from autopilot.cli.main import main
 from autopilot.node.verdicts import verdict_of
 from events import Record
+from events.records import Stored
 from events.schema.common_pb2 import Moved
-from events.schema.findings_pb2 import PoiOpened, SightingsClassified
+from events.schema.findings_pb2 import ItemIgnored, PoiOpened, SightingsClassified
 from events.schema.flight_pb2 import FlightOpened, NodeStarted
+from events.schema.orders_pb2 import SendAck
 from events.store import Appender, SqliteStore
+from replay.same import meant
 from replay.verdict import Outcome, Verdict
 from replay.verify import verify
 from statecharts import logic
@@ -142,6 +146,51 @@ def test_a_difference_that_is_not_meant_is_not_hidden_by_one_that_is(monkeypatch
     moved.because = "another reason"
     for seq, message in ((seen, classified), (last, moved)):
         check_divergence(changed(told(flight, 1), seq, message), seq, further=0)
+
+
+GONE, MORE = frozenset({"item_ignored"}), frozenset({"send_ack"})
+
+
+@pytest.mark.parametrize(
+    ("replayed", "explaining", "unexplaining"),
+    [(None, [GONE], [MORE]), (SendAck(), [GONE | MORE], [GONE, MORE])],
+    ids=["gone", "another"],
+)
+def test_decisions_may_come_and_go(
+    monkeypatch: pytest.MonkeyPatch,
+    replayed: Message | None,
+    explaining: Sequence[frozenset[str]],
+    unexplaining: Sequence[frozenset[str]],
+) -> None:
+    """Both what was recorded and what is replayed is to be explained."""
+    flight = story()
+    first = at(flight, "item_ignored")
+    alter_chart(monkeypatch, "poi", lambda said: replayed if isinstance(said, ItemIgnored) else said)
+    for kinds in explaining:
+        know(monkeypatch, Change(2, "nothing is muted", kinds=kinds))
+        check_intended(told(flight, 1), since=2, seq=first, further=0)
+    for kinds in unexplaining:
+        know(monkeypatch, Change(2, "nothing is muted", kinds=kinds))
+        check_divergence(told(flight, 1), first, further=0)
+
+
+def test_a_body_that_is_no_message_is_never_meant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is a forgery, and is reported as one."""
+    know(monkeypatch, SURER)
+    flight = story()
+    records, seq = told(flight, 1), at(flight, "poi_opened")
+    records[seq] = replace(records[seq], body=b"\xff")
+    assert verify(resealed(records)).outcome is Outcome.UNREADABLE
+    broken = [Stored(one.seq, one.cause, one.at, one.kind.number, one.version, one.body, b"") for one in records]
+    assert meant(1, broken[seq - 2 : seq + 1], flight.records[seq - 2 : seq + 1]) is None
+
+
+def test_the_first_change_of_several_is_named() -> None:
+    """Whatever order the decisions come in."""
+    pair = [PoiOpened(), Moved(chart="aim")]
+    for decisions in (pair, pair[::-1]):
+        assert logic.since(1, decisions, (SURER, AIMED)) == SURER
+        assert logic.since(2, decisions, (SURER, AIMED)) is None
 
 
 def test_another_order_of_the_same_decisions_is_never_meant(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from events import kind_named
@@ -53,3 +55,10 @@ def test_a_log_as_lines() -> None:
     assert len(lines) == 3
     assert len(list(show(story().store))) == 116
     assert len(list(show(story().store, kind=kind_named("flight_closed")))) == 1
+
+
+def test_a_report_that_can_not_be_read_ends_the_chain() -> None:
+    """What it answered is in its body, so nothing is known of it; the records before and after still say theirs."""
+    flight = story()
+    records = [*flight.records[:19], replace(flight.records[19], body=b"\xff"), *flight.records[20:]]
+    assert [shown.seq for shown in chain(resealed(records), 20)] == [20, 19]
