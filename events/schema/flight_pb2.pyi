@@ -444,9 +444,7 @@ class NodeStarted(_message.Message):
     start: _builtins.int
     """How many times a daemon has started in this flight, from 1."""
     outage_ns: _builtins.int
-    """Time between the last record and this start, in nanoseconds; where it can't be bounded, what it was at least. 0 for
-    the first start.
-    """
+    """Time between the last record and this start, in nanoseconds; 0 for the first start, and where it can't be bounded."""
     outage_unbounded: _builtins.str
     """Why the outage can't be bounded: deadlines of people count as passed, holds as released. Absent where it is bounded."""
     def __init__(

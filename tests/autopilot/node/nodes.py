@@ -133,12 +133,15 @@ class Node:
         settings: Config | None = None,
         boot_id: str = BOOT,
         random: Callable[[int], bytes] | None = None,
+        outage_longest_h: float = 24.0,
     ) -> None:
         self.root, self.clock, self.disk = root, clock, Disk(clock)
         settings = settings or config()
         _tell_stores(monkeypatch, self.disk)
         self.inbox = PatientInbox(settings.limits, clock)
-        self.flights = Flights(root, identity(boot_id, settings), clock, random or chance())
+        self.flights = Flights(
+            root, identity(boot_id, settings), clock, random or chance(), outage_longest_h=outage_longest_h
+        )
         self.heard: list[Record] = []
         self.sessions: list[Session] = []
         self.performed: list[Record] = []

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from events.schema.flight_pb2 import (
-    CLOSE_REBOOTED,
-)
+from autopilot.node import flights as flights_module
+from events.schema.flight_pb2 import CLOSE_LOGIC_CHANGED
 from events.store import StoreFailed
+from statecharts import LOGIC
 from tests.autopilot.node.histories import Begin, check_hands_over, check_history, check_history_of_newest, fly
 from tests.autopilot.node.nodes import Node, of_kind
 
@@ -53,20 +53,21 @@ def test_a_first_start_that_is_cut_short_is_passed_over(
 
 @pytest.mark.parametrize("cut", [cut_first_append, cut_second_append, cut_folder])
 def test_a_change_of_flights_that_is_cut_short_is_done_again(
-    begin: Begin, cut: Callable[[Node, pytest.MonkeyPatch], None]
+    begin: Begin, monkeypatch: pytest.MonkeyPatch, cut: Callable[[Node, pytest.MonkeyPatch], None]
 ) -> None:
     """The old flight is closed once, and what it knew arrives in the flight that comes of it."""
     node = begin().start()
     fly(node)
     node.kill()
-    second = begin(boot_id="boot-2")
+    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
+    second = begin()
     with pytest.MonkeyPatch.context() as patch:
         cut(second, patch)
         with pytest.raises(StoreFailed):
             second.start()
-    third = begin(boot_id="boot-2").start()
+    third = begin().start()
     old = third.log(0)
-    assert [one.reason for one in of_kind(old, "flight_closed")] == [CLOSE_REBOOTED]
+    assert [one.reason for one in of_kind(old, "flight_closed")] == [CLOSE_LOGIC_CHANGED]
     check_hands_over(old, third.log())
     assert [order.command_id for order in third.session.state.orders.values()] == ["a1"]
     third.kill()

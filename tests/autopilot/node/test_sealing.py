@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from autopilot.node import flights as flights_module
 from autopilot.node.board import Board
 from autopilot.node.flights import Flights
 from autopilot.node.sealing import CERTIFICATE_FILE, EVERY_RECORDS, KEY_FILE, Sealer
@@ -18,6 +19,7 @@ from events.schema.flight_pb2 import CLOSE_STOPPED, InputsDropped
 from events.store import SqliteStore, StoreFailed, flights_in, read_flight
 from events.tree import Tree
 from replay.verify import verify
+from statecharts import LOGIC
 from tests.autopilot.node.histories import fly
 from tests.autopilot.node.nodes import BOOT, FakeClock, Node, chance, heard_vehicle, identity, of_kind, vehicle_state
 from tests.autopilot.trust.world import people
@@ -153,18 +155,22 @@ def test_a_restart_goes_on_from_what_was_signed(start: Start, clock: FakeClock) 
     check_signed(again, 4, 7, 9)
 
 
-def test_another_boot_signs_the_end_of_the_flight_before(start: Start) -> None:
-    """The key lay beside it; with its last checkpoint it goes."""
+def test_a_start_that_closes_a_flight_signs_its_end(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The key lay beside it; with its last checkpoint it goes. Another boot goes on with the key that lies there."""
     node = start()
     node.turn()
     folder = node.session.flight.folder
     node.kill()
+    key = (folder / KEY_FILE).read_bytes()
+    start("boot-2").kill()
+    assert (folder / KEY_FILE).read_bytes() == key
+    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
     start("boot-2")
-    assert [one.size for one in signed(folder)] == [4, 5]
+    assert [one.size for one in signed(folder)] == [4, 7]
     assert not (folder / KEY_FILE).exists()
 
 
-def test_a_lost_key_is_replaced_while_the_flight_is_open_only(start: Start) -> None:
+def test_a_lost_key_is_replaced_while_the_flight_is_open_only(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
     """A fresh one is certified and recorded; a flight that is only closed gets none."""
     node = start()
     folder = node.session.flight.folder
@@ -176,7 +182,8 @@ def test_a_lost_key_is_replaced_while_the_flight_is_open_only(start: Start) -> N
     assert len(list(of_kind(again.log(), "log_key_certified"))) == 2
     (folder / KEY_FILE).unlink()
     again.kill()
-    start("boot-2")
+    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
+    start()
     assert signed(folder) == []
     assert not (folder / KEY_FILE).exists()
 
