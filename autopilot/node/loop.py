@@ -32,6 +32,8 @@ from events.store.reserve import RESERVE_BYTES
 BATCH_MOST = 64
 # With nothing to do the loop still looks up this often, to let the log's WAL go into the database.
 IDLE_S = 1.0
+# What is lost is recorded at most this often: a flood must not fill what is left of the disk with counts.
+DROPS_APART_NS = 1_000_000_000
 # Adapters say these only when they change, so a flight that begins in the same process is told the newest of each.
 _STANDING = ("vehicle_link_changed", "vehicle_state_reported", "eyes_changed")
 _MAV_IN_PROGRESS = 5
@@ -75,6 +77,7 @@ class NodeLoop(threading.Thread):
         self._commit_by_ns = 0
         self._disarmed_at_ns: int | None = None
         self._told_of_full_disk = False
+        self._tell_dropped_ns = clock.mono_ns()
         self._awaited: set[int] = set()  # effects handed over whose outcome is still to come
         self._standing: dict[tuple[str, int, int], Message] = {}
         self.turned_ns = clock.mono_ns()  # when the loop last went round: whether the node is well
@@ -127,12 +130,17 @@ class NodeLoop(threading.Thread):
         if session.store.reserve_spent and not self._told_of_full_disk:
             self._told_of_full_disk = True
             self._add(session, flight_pb2.DiskFull(reserved_bytes=RESERVE_BYTES))
-        for input_class, count in self._inbox.take_dropped().items():
-            self._add(session, flight_pb2.InputsDropped(input_class=input_class.value, count=count))
+        if self._clock.mono_ns() >= self._tell_dropped_ns:
+            self._tell_dropped(session)
         for observation in batch:
             self._add(session, observation)
         if self._pending and (self._must_commit() or self._clock.mono_ns() >= self._commit_by_ns):
             self._commit(session)
+
+    def _tell_dropped(self, session: Session) -> None:
+        for input_class, count in self._inbox.take_dropped().items():
+            self._tell_dropped_ns = self._clock.mono_ns() + DROPS_APART_NS
+            self._add(session, flight_pb2.InputsDropped(input_class=input_class.value, count=count))
 
     def _add(self, session: Session, observation: Message) -> None:
         if not self._pending:
@@ -217,7 +225,7 @@ class NodeLoop(threading.Thread):
     def _finish(self, session: Session, stop: Stop) -> None:
         while batch := self._inbox.take(0, BATCH_MOST):
             self._observe(session, batch)
-        self._observe(session, batch)  # what was dropped while nothing waited any more
+        self._tell_dropped(session)
         if _armed(session):
             self._commit_rest(session)
         else:

@@ -38,6 +38,11 @@ class Rejections:
     def __init__(self, edges: Edges) -> None:
         self._edges = edges
         self._told: Counter[str] = Counter()
+        self._owed: Counter[str] = Counter()  # what the inbox had no room for
+
+    def keep(self, rejected: dict[str, int]) -> None:
+        """Take back what could not be recorded: it comes with the next."""
+        self._owed.update(rejected)
 
     def fresh(self) -> dict[str, int]:
         """Return what was rejected since the last call by reason, sorted, none of them 0."""
@@ -48,6 +53,8 @@ class Rejections:
         fresh, self._told = totals - self._told, totals
         if edges.mesh is not None:
             fresh.update(edges.mesh.take_rejections())
+        fresh.update(self._owed)
+        self._owed.clear()
         return dict(sorted(fresh.items()))
 
 
@@ -63,4 +70,5 @@ def report_rejections(rejections: Rejections, inbox: Inbox) -> None:
     rejected = rejections.fresh()
     if rejected:
         counts = [RejectedCount(reason=reason, count=count) for reason, count in rejected.items()]
-        inbox.offer(InputClass.OUTCOME, SamplesRejected(rejected=counts))
+        if not inbox.offer(InputClass.OUTCOME, SamplesRejected(rejected=counts)):
+            rejections.keep(rejected)
