@@ -20,6 +20,7 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -34,7 +35,7 @@ from events.chain import SECRET_BYTES
 from events.records import NO_CAUSE, Moment, Record, make_record, read_record
 from events.schema import flight_pb2
 from events.schema.state_pb2 import CarriedState
-from events.store import Appender, Flight, StoreFailed, create_flight, flights_in, open_flight
+from events.store import Appender, Flight, StoreFailed, create_flight, flights_in, open_flight, remove_begun
 from events.store.recovery import Action, Finding, KeptLog, examine
 from statecharts import LOGIC, State, carry_over, charts_digest, restore, step, steps_of
 
@@ -121,6 +122,14 @@ class Flights:
         flights = flights_in(self._root)
         number = flights[-1].number + 1 if flights else 1
         last, found = self._last(flights, on_records)
+        try:
+            return self._after(number, last, on_records, found)
+        except StoreFailed:
+            if last is not None:
+                _let_go(last.store)
+            raise
+
+    def _after(self, number: int, last: Session | None, on_records: OnRecords, found: Sequence[Message]) -> Session:
         if last is None or last.kept:
             return self._begin(number, last, on_records, found)
         if not last.closed and (reason := self._why_not_go_on(last)) is not None:
@@ -156,7 +165,11 @@ class Flights:
                     found.append(_recovered(finding))
             if finding.end.seq >= 0:
                 store = KeptLog(finding) if finding.action is Action.KEEP_AND_BEGIN else open_flight(flight)
-                session = self._load(Session(flight, store, State(), FlightClock(self._clock, 1)), on_records)
+                try:
+                    session = self._load(Session(flight, store, State(), FlightClock(self._clock, 1)), on_records)
+                except StoreFailed:
+                    _let_go(store)
+                    raise
                 session.kept = any(isinstance(one, flight_pb2.LogDamaged) for one in found)
                 return session, found
         return None, found
@@ -198,7 +211,13 @@ class Flights:
         if before is not None and before.last is not None:
             carried = carry_over(before.state, before.last.flight_ns)
         opening = [self._manifest(number, flight_id, before), flight_pb2.BaselineCarried(state=carried)]
-        self._record(session, [*opening, self._started(1, Outage(0)), *self._sealed(session), *found], on_records)
+        try:
+            opening += [self._started(1, Outage(0)), *self._sealed(session), *found]
+            self._record(session, opening, on_records)
+        except StoreFailed:
+            _let_go(store)
+            remove_begun(flight)
+            raise
         if before is not None:
             before.store.close()
         return session
@@ -245,6 +264,12 @@ class Flights:
             manifest.previous_flight_id = before.store.flight_id
             manifest.previous_seq, manifest.previous_leaf = before.store.head
         return manifest
+
+
+def _let_go(store: Appender) -> None:
+    """Close a store that failed, as far as it can be: a later try opens the log anew."""
+    with suppress(StoreFailed):
+        store.close()
 
 
 def _recovered(finding: Finding) -> flight_pb2.LogRecovered:

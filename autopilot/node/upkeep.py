@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 
+from autopilot.adapters.mesh import MeshAdapter
 from autopilot.node.board import Board
 from autopilot.node.edges import Edges
 from autopilot.node.inbox import Inbox
@@ -22,14 +23,17 @@ CHANGES_APART_S = 0.1
 async def publish_status(settings: MeshSection, edges: Edges, board: Board) -> None:
     """Publish NodeStatus once a period and on change. It is upkeep: nothing of it is recorded."""
     while edges.mesh is not None:
-        tally = edges.mesh.tally()
         status = board.node_status()
-        status.dropped.extend(
-            DropCount(reason=reason, count=count) for reason, count in sorted(tally.rejected.items()) if count
-        )
+        status.dropped.extend(drop_counts(edges.mesh))
         edges.mesh.publish_status(status)
         await asyncio.sleep(CHANGES_APART_S)
         await board.changed(settings.status_period_s - CHANGES_APART_S)
+
+
+def drop_counts(mesh: MeshAdapter) -> list[DropCount]:
+    """Return what the gate has dropped since the start, by reason."""
+    rejected = sorted(mesh.tally().rejected.items())
+    return [DropCount(reason=reason, count=count) for reason, count in rejected if count]
 
 
 class Rejections:

@@ -50,8 +50,8 @@ CHART: Chart[_Facts] = Chart(
         move("operator", "time_passed", "automatic", "the hold ran out"),
         move("released", "time_passed", "automatic", "the pause is over"),
         ignore("automatic", "time_lost", "nothing to wait for"),
-        move("operator", "time_lost", "automatic", "nobody knows how long the node was off: the hold is over"),
-        move("released", "time_lost", "automatic", "nobody knows how long the node was off: the pause is over"),
+        move("operator", "time_lost", "automatic", "off for an unknown time: the hold is over"),
+        move("released", "time_lost", "automatic", "off for an unknown time: the pause is over"),
     ),
 )
 

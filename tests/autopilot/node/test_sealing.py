@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import stat
+from base64 import b64decode, b64encode
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -246,7 +247,7 @@ def test_a_log_that_was_written_again_is_not_signed(start: Start) -> None:
     node = start()
     node.turn()
     note = node.session.store.checkpoints()[0][1].split("\n")
-    note[2] = note[2].swapcase()
+    note[2] = b64encode(b64decode(note[2])[::-1]).decode()
     node.session.store.add_checkpoint(4, "\n".join(note))
     node.kill()
     check_refused(start, node, "first 4 records are not those that were signed")

@@ -74,11 +74,11 @@ def test_an_outage_of_unknown_length_ends_holds_and_pauses() -> None:
         at_s | observe         | state         | say          | why
         0    | order a point   | 1/1 operator  | ALPHA has it | an operator points it
         1    | answered a 2    | -             | -            | -
-        2    | start no clock  | 1/1 automatic | -            | nobody knows how long the node was off: the hold is over
+        2    | start no clock  | 1/1 automatic | -            | off for an unknown time: the hold is over
         3    | start no clock  | -             | -            | -
         4    | vehicle up      | -             | -            | -
         5    | order b release | 1/1 released  | -            | an operator lets it go
-        6    | start no clock  | 1/1 automatic | -            | nobody knows how long the node was off: the pause is over
+        6    | start no clock  | 1/1 automatic | -            | off for an unknown time: the pause is over
         """,
     )
     check_equal(story.flight.state.cameras["1/1"].until_ns, 0)
