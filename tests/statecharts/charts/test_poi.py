@@ -273,13 +273,13 @@ def test_an_outage_of_unknown_length_ends_every_question() -> None:
     story = check_chart(
         "poi",
         """
-        at_s | observe                  | state                   | say                          | why
-        0    | frame person@0,0 car@0,0 | -                       | open p1 for 1; open p2 for 2 | -
-        0    | time                     | p1 surfaced             | -                            | put to an operator
-        1    | start                    | -                       | -                            | -
-        2    | start no clock           | p1 expired, p2 expired  | -                            | off for an unknown time
-        3    | start no clock           | -                       | -                            | -
-        4    | frame person@0,0         | -                       | -                            | -
+        at_s | observe                  | state                  | why
+        0    | frame person@0,0 car@0,0 | -                      | -
+        0    | time                     | p1 surfaced            | put to an operator
+        1    | start                    | -                      | -
+        2    | start no clock           | p1 expired, p2 expired | off for an unknown time
+        3    | start no clock           | -                      | -
+        4    | frame person@0,0         | -                      | -
         """,
         sightings_to_ask=1,
         asks_per_minute=1,
