@@ -20,6 +20,7 @@ from autopilot.adapters.eyes import model_sha256
 from autopilot.geo import Origin
 from autopilot.node.board import Board
 from autopilot.node.clock import boot_id
+from autopilot.node.deleting import Retention
 from autopilot.node.edges import Edges, Remembered, make_edges, remembered, resume
 from autopilot.node.flights import Flights, Session
 from autopilot.node.flights import Identity as NodeIdentity
@@ -154,6 +155,7 @@ class Daemon:
             asyncio.create_task(_kept_up(lambda: record_rejections(rejections, self._inbox))),
             asyncio.create_task(_kept_up(projecting.run)),
             asyncio.create_task(_kept_up(verdicts.run)),
+            asyncio.create_task(_kept_up(self._retention().run)),
         ]
         try:
             await _start(edges)
@@ -192,6 +194,16 @@ class Daemon:
 
     def _is_well(self, loop: NodeLoop) -> bool:
         return loop.is_alive() and self._clock.mono_ns() - loop.turned_ns < UNWELL_AFTER_NS
+
+    def _retention(self) -> Retention:
+        return Retention(
+            Path(self._config.node.flights),
+            self._config.retention,
+            self._clock,
+            self._inbox.offer,
+            lambda: self._board.session.flight.number,
+            self._board.say_short,
+        )
 
     def _flights(self, identity: Identity) -> Flights:
         config = self._config

@@ -28,7 +28,7 @@ from google.protobuf.message import Message
 
 from autopilot.node.arming import Arming
 from autopilot.node.clock import FlightClock, read_clocks
-from autopilot.node.joining import Outage, is_same_boot, outage
+from autopilot.node.joining import NO_OUTAGE, Outage, is_same_boot, outage
 from autopilot.node.sealing import Sealer, Sealing
 from autopilot.ports.edges import Clock
 from events.chain import SECRET_BYTES
@@ -71,7 +71,7 @@ class Session:
     last: Moment | None = None
     logic: int = LOGIC
     arming: Arming = field(default_factory=Arming)
-    outage: Outage = Outage(0)  # between the last record and this start
+    outage: Outage = NO_OUTAGE  # between the last record and this start
     sealing: Sealing | None = None  # None: nobody signs what this node records
     fresh: list[Record] = field(default_factory=list)  # recorded while opening: their effects are still to be performed
 
@@ -212,7 +212,7 @@ class Flights:
             carried = carry_over(before.state, before.last.flight_ns)
         opening = [self._manifest(number, flight_id, before), flight_pb2.BaselineCarried(state=carried)]
         try:
-            opening += [self._started(1, Outage(0)), *self._sealed(session), *found]
+            opening += [self._started(1, NO_OUTAGE), *self._sealed(session), *found]
             self._record(session, opening, on_records)
         except StoreFailed:
             _let_go(store)

@@ -34,6 +34,9 @@ class Outage(NamedTuple):
     unbounded: str = ""  # why it can't be bounded
 
 
+NO_OUTAGE = Outage(0)
+
+
 def is_same_boot(last: Moment, now: Reading, *, same_id: bool) -> bool:
     """Say whether the computer has run on since `last`.
 

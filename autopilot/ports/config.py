@@ -133,6 +133,18 @@ class FlightSection(Section):
         return self
 
 
+class RetentionSection(Section):
+    """What of the past is deleted. Only what was pushed ever is (`autopilot flights pushed`)."""
+
+    keep_days: float = Field(30, gt=0, le=3650, description="A pushed flight is deleted when it ended so long ago.")
+    keep_newest: int = Field(
+        5, ge=1, le=10_000, description="So many of the newest closed flights stay; the open one names the last's head."
+    )
+    min_free_mib: int = Field(
+        1024, ge=0, le=1 << 30, description="Under this much free space pushed flights go earlier, the oldest first."
+    )
+
+
 class FindSection(Section):
     """When a sighting is worth a person's look (seed 004; facts of its source system)."""
 
@@ -209,6 +221,7 @@ class Config(Section):
     vehicle: VehicleSection = VehicleSection()
     eyes: EyesSection = EyesSection()
     flight: FlightSection = FlightSection()
+    retention: RetentionSection = RetentionSection()
     find: FindSection = FindSection()
     scan: ScanSection = ScanSection()
     limits: LimitsSection = LimitsSection()

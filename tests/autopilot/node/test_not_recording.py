@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from autopilot.adapters.mesh import MeshAdapter
-from autopilot.node import daemon as daemon_module
 from autopilot.node import flights as flights_module
 from autopilot.node import not_recording as not_recording_module
 from autopilot.node import notice
@@ -24,12 +23,12 @@ from autopilot.trust.envelope import MessageType
 from autopilot.trust.gate import Gate
 from events.schema.flight_pb2 import CLOSE_STOPPED
 from events.schema.waypoint_pb2 import AckResult, CommandAck, NodeStatus, PrincipalKind, ResultState
-from events.store import StoreFailed, flights_in
+from events.store import SqliteStore, StoreFailed, create_flight, flights_in
 from tests.autopilot.node.lives import keyed, live, terminate
 from tests.autopilot.node.nodes import log_of, of_kind
 from tests.autopilot.trust.world import ISSUERS, KEY, FakeClock, FakeWire, Forge, people
 
-SOON = {"limits": {"store_retry_s": 1}}
+SOON: dict[str, dict[str, object]] = {"limits": {"store_retry_s": 1}}
 
 
 @pytest.fixture
@@ -61,7 +60,7 @@ def test_it_tries_again_and_then_records(
     told: list[notice.Notice | None] = []
     path = Path(config.node.projections)
     tried = failing(monkeypatch, 3, lambda: told.append(notice.read(path)))
-    monkeypatch.setattr(daemon_module.asyncio, "sleep", no_sleep)
+    monkeypatch.setattr("asyncio.sleep", no_sleep)
     assert live(config, monkeypatch, terminate) == os.EX_OK
     assert tried == ["failed", "failed", "failed", "opened"]
     assert capsys.readouterr().err.count("not recording: no such disk, for a test; tried again every 1 s") == 1
@@ -100,7 +99,7 @@ def test_a_folder_that_can_not_be_made_is_a_store_that_fails(
         flights.unlink(missing_ok=True)
         await _SLEEP(0)
 
-    monkeypatch.setattr(daemon_module.asyncio, "sleep", mend)
+    monkeypatch.setattr("asyncio.sleep", mend)
     assert live(config, monkeypatch, terminate) == os.EX_OK
     assert "not recording: " in capsys.readouterr().err
     assert len(flights_in(flights)) == 1
@@ -131,12 +130,11 @@ def test_tries_that_fail_leave_nothing_behind(config: Config, monkeypatch: pytes
     def broken(_self: object, _records: object) -> None:
         raise StoreFailed("a disk that takes no commit")
 
-    created = flights_module.create_flight
-    from events.store import SqliteStore
+    created = create_flight
 
     append = SqliteStore.append
     monkeypatch.setattr(flights_module, "create_flight", create)
-    monkeypatch.setattr(daemon_module.asyncio, "sleep", no_sleep)
+    monkeypatch.setattr("asyncio.sleep", no_sleep)
     assert live(config, monkeypatch, terminate) == os.EX_OK
     folders = [path.name for path in Path(config.node.flights).iterdir() if path.is_dir()]
     assert len(folders) == 1
