@@ -97,7 +97,7 @@ class NodeLoop(threading.Thread):
                 session = self._turn(session)
             self._finish(session, self._asked_to_stop)
         except (StoreFailed, UnknownKind, BodyBroken) as error:
-            self.failure = error.with_traceback(None)  # its frames would keep a store open that nobody uses any more
+            self.failure = error
         except Exception:  # noqa: BLE001 - a defect ends the process with its traceback, not a silent thread
             self.defect = traceback.format_exc()
         finally:

@@ -104,7 +104,11 @@ def test_armed_again_it_is_not_closed(begin: Begin, left: Node, tmp_path: Path) 
     again.turn(after_ms=200)
     again.tell(published(again.performed[-1].seq))
     again.turn(after_ms=200)
-    check_history(tmp_path, (2, ""))
+    again.tell(vehicle_state(armed=False))
+    again.turn(after_ms=200)
+    check_history(tmp_path, (2, ""))  # this landing is one of this boot
+    again.turn(after_ms=181_000)
+    check_history(tmp_path, (2, "CLOSE_DISARMED"), (1, ""))
 
 
 def test_what_is_underway_is_awaited_first(begin: Begin, left: Node, tmp_path: Path) -> None:

@@ -45,6 +45,7 @@ def test_a_first_start_that_is_cut_short_is_passed_over(
         cut(node, patch)
         with pytest.raises(StoreFailed):
             node.start()
+    assert [path for path in tmp_path.iterdir() if path.is_dir()] == []  # tried every 30 s, it would fill a disk
     again = begin().start()
     assert again.kinds() == ["flight_opened", "baseline_carried", "node_started"]
     again.kill()
@@ -72,6 +73,20 @@ def test_a_change_of_flights_that_is_cut_short_is_done_again(
     assert [order.command_id for order in third.session.state.orders.values()] == ["a1"]
     third.kill()
     check_history_of_newest(third.root)
+
+
+def test_a_start_that_fails_lets_go_of_the_log(begin: Begin, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is tried again in the same process: nobody may have the old log open then."""
+    node = begin().start()
+    folder = node.session.flight.folder
+    node.kill()
+    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
+    second = begin()
+    second.disk.fails_at = 1
+    with pytest.raises(StoreFailed) as failed:
+        second.start()
+    assert failed.tb is not None  # its frames still hold the store: only closing it lets go
+    assert not (folder / "flight.db-wal").exists()
 
 
 def test_a_failing_end_leaves_the_flight_open(begin: Begin, tmp_path: Path) -> None:

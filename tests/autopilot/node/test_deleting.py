@@ -222,6 +222,18 @@ def test_it_is_applied_again_and_again_whatever_goes_wrong(
     assert capsys.readouterr().err.count("can't be deleted: read-only, for a test") == 2
 
 
+def test_a_new_name_is_durable_before_anything_is_removed(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else a power cut could show a flight under its old name, and half of it gone."""
+    synced: list[tuple[Path, bool]] = []
+    monkeypatch.setattr(deleting, "sync_folder", lambda folder: synced.append((folder, bool(graves(root)))))
+    grave = bury(flights_in(root)[0])
+    assert synced == [(root, True)]
+    assert (grave / "flight.db").exists()
+    empty(grave)
+    forget(grave)
+    assert synced == [(root, True), (root, False)]
+
+
 def test_forgetting_needs_an_empty_folder(root: Path) -> None:
     """What is not known is not removed unseen."""
     grave = bury(flights_in(root)[0])

@@ -30,6 +30,7 @@ KEPT = ("young", "young", "open")  # the two newest closed ones, and the open on
     [
         (("old pushed", "young pushed", "old", *KEPT), 100, (1,), ""),
         (("old pushed", "young pushed", "old", *KEPT), 40, (1, 2), ""),
+        (("young pushed", "young pushed", *KEPT), 70, (1,), ""),
         (("young pushed", "young pushed", *KEPT), 99, (1,), ""),
         (("young pushed", "young pushed", *KEPT), 69, (1, 2), ""),
         (("young pushed", "old pushed", "young pushed", *KEPT), 69, (1, 2), ""),
