@@ -48,7 +48,6 @@ _CLOSE_REASONS: dict[int, str] = {
     flight_pb2.CLOSE_ABANDONED: "abandoned: found disarmed after it was armed",
     flight_pb2.CLOSE_LOGIC_CHANGED: "another logic number took over",
     flight_pb2.CLOSE_INPUT_ENDED: "the input ended",
-    flight_pb2.CLOSE_REBOOTED: "the computer was started again",
     flight_pb2.CLOSE_DISK_FULL: "the disk is full",
 }
 
@@ -116,7 +115,8 @@ def _carried(one: flight_pb2.BaselineCarried) -> str:
 
 def _started(one: flight_pb2.NodeStarted) -> str:
     outage = f", {seconds(one.outage_ns)} s after the last record" if one.outage_ns else ""
-    return f"daemon started, start {one.start} of this flight{outage}"
+    unbounded = f"; how long it was off can't be known: {one.outage_unbounded}" if one.outage_unbounded else ""
+    return f"daemon started, start {one.start} of this flight{outage}{unbounded}"
 
 
 def _failed(one: flight_pb2.StepFailed) -> str:
@@ -236,6 +236,7 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "log_recovered": lambda one: f"the log was not ended in order: {one.found}",
     "log_damaged": lambda one: f"damaged log kept in {one.folder or '?'}: {one.found}",
     "disk_full": lambda one: f"the disk is full: {one.reserved_bytes >> 10} KiB given up for the end of the flight",
+    "flight_deleted": lambda one: f"flight {one.flight_number}, pushed to {one.pushed_to}, was deleted here",
     "log_key_certified": lambda one: f"key of this log: {one.certificate.partition('key ')[2].partition(chr(10))[0]}",
     "seal_refused": lambda one: f"the log is signed no more: {one.because}",
     "moved": lambda one: f"{one.chart} {one.instance}: {one.from_state} -> {one.to_state}, {one.because}",

@@ -8,4 +8,5 @@ from statecharts.engine import evolve as evolve
 from statecharts.engine import restore as restore
 from statecharts.engine import step as step
 from statecharts.engine import steps_of as steps_of
+from statecharts.logic import LOGIC as LOGIC
 from statecharts.state import State as State

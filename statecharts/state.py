@@ -88,3 +88,7 @@ class State:
     def passed(self, chart: str, now_ns: int) -> tuple[str, ...]:
         """Return the instances of a chart whose deadline has passed, in order."""
         return tuple(key[1] for key, at_ns in self.deadlines.items() if key[0] == chart and at_ns <= now_ns)
+
+    def waiting(self, chart: str) -> tuple[str, ...]:
+        """Return the instances of a chart that have a deadline at all, in order."""
+        return tuple(key[1] for key, _ in self.deadlines.items() if key[0] == chart)

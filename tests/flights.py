@@ -167,6 +167,7 @@ def _misuse(flight: Flight) -> None:
     flight.tell(published(next(one.seq for one in flight.records if one.kind.name == "send_ack")), 5)
     flight.tell(point_at_place("p5", order_seq=6), 50)
     flight.tell(NodeStarted(boot_id="boot", start=2, outage_ns=900_000_000), 900)
+    flight.tell(position(1_000, 0))
 
 
 def said(records: Sequence[Record]) -> list[str]:

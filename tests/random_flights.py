@@ -74,6 +74,13 @@ def _rejected(_flight: Flight, one: int, two: int, _three: int) -> Message:
     return SamplesRejected(rejected=[RejectedCount(reason=f"reason{one}", count=two + 1)])
 
 
+def _started(one: int, unbounded: str) -> NodeStarted:
+    started = NodeStarted(boot_id="boot", start=2 + one)
+    if unbounded:
+        started.outage_unbounded = unbounded
+    return started
+
+
 _MAKE: dict[str, Callable[[Flight, int, int, int], Message]] = {
     "frame": _frame,
     "order": _order,
@@ -87,7 +94,7 @@ _MAKE: dict[str, Callable[[Flight, int, int, int], Message]] = {
     "malformed": lambda _flight, one, two, _three: malformed(f"m{one}", WHO[two % 3]),
     "rejected": _rejected,
     "link": lambda _flight, one, _two, _three: VehicleLinkChanged(vehicle=1, up=one % 3 > 0),
-    "started": lambda _flight, one, _two, _three: NodeStarted(boot_id="boot", start=2 + one),
+    "started": lambda _flight, one, two, _three: _started(one, "no clock" if two > 3 else ""),
 }
 _LIKELY = ("frame", "frame", "frame", "order", "judge", "answered", "gimbal", "wait")
 

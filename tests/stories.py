@@ -162,9 +162,12 @@ class Story:
         frame.captured_ns = self.flight.now_ns
         return frame
 
-    def _start(self, _plain: list[str], _named: dict[str, str]) -> Message:
+    def _start(self, plain: list[str], _named: dict[str, str]) -> Message:
         self._starts += 1
-        return NodeStarted(boot_id="boot", start=self._starts, outage_ns=1)
+        started = NodeStarted(boot_id="boot", start=self._starts, outage_ns=1)
+        if plain:
+            started.outage_unbounded = " ".join(plain)
+        return started
 
 
 def _detection(word: str) -> Detection:

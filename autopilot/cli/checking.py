@@ -23,7 +23,7 @@ def check(folder: Path, *, as_json: bool) -> int:
     except StoreMissing as error:
         print(f"autopilot: {error}; name the folder of a flight, like flights/000001-1a2b3c4d", file=sys.stderr)
         return os.EX_NOINPUT
-    print(json.dumps(_plain(finding), sort_keys=True) if as_json else _words(finding))
+    print(json.dumps(plain(finding), sort_keys=True) if as_json else words(finding))
     if finding.action is Action.REFUSE:
         return os.EX_IOERR
     return os.EX_OK if finding.sound else os.EX_DATAERR
@@ -38,7 +38,8 @@ def _look(folder: Path) -> Finding:
     return finding
 
 
-def _words(finding: Finding) -> str:
+def words(finding: Finding) -> str:
+    """Say what was found, in lines."""
     verdict = "sound" if finding.sound else "wrong"
     said = f"{verdict}: {finding.words()}\nhead: {_head(finding.head_file)}"
     return said if finding.action is Action.GO_ON else f"{said}\na start would: {finding.action.value}"
@@ -50,7 +51,8 @@ def _head(seen: HeadSeen | None) -> str:
     return f"record {seen.head.seq}, leaf {seen.head.leaf.hex()}, commit {seen.generation}"
 
 
-def _plain(finding: Finding) -> dict[str, Any]:
+def plain(finding: Finding) -> dict[str, Any]:
+    """Return what was found as a JSON-able structure."""
     facts, seen = finding.facts, finding.head_file
     return {
         "sound": finding.sound,

@@ -157,6 +157,7 @@ def _status_json(seen: SeenStatus) -> str:
 def _status_words(seen: SeenStatus) -> str:
     status = seen.status
     parts = [f"{seen.node} seq {status.head_seq} {status.health or 'unknown'}", "armed" if status.armed else "disarmed"]
+    parts += [words for words in (status.not_recording, status.disk_short) if words]
     for camera in status.cameras:
         held = f" by {camera.callsign}" if camera.callsign else ""
         aim = f", {camera.aim} {camera.error_cdeg / 100:.1f} deg off" if camera.aim in ("arrived", "missed") else ""

@@ -14,6 +14,7 @@ from typing import Any
 from google.protobuf.message import DecodeError
 
 from autopilot.cli.bar import Bar
+from autopilot.cli.copies import tell_recovered
 from autopilot.cli.flight import USAGE, folder_of, with_flight
 from autopilot.trust.notes import NoteInvalid
 from autopilot.trust.replayed import VERDICT_FILE, read_verdict
@@ -33,6 +34,7 @@ examples:
   autopilot replay show flights/000001-1a2b3c4d --kind order_received
   autopilot replay why flights/000001-1a2b3c4d 142
   autopilot replay check flights/000001-1a2b3c4d
+  autopilot replay recover flights/000001-1a2b3c4d recovered
 
 exit codes: 0 identical or sound, 65 the flight diverges or is damaged, 66 there is no such flight, 74 it can't be read
 """
@@ -44,6 +46,12 @@ _CHECK = """\
 Say what state a flight's log is in, and change nothing: the WAL is read before SQLite opens the database, every record
 is held against the chain, and the end of the log against its head file. A torn tail, as a power cut leaves it, is
 sound; a missing head file is not, for then nothing tells whether records are missing at the end.
+"""
+_RECOVER = """\
+Write a copy of what holds of a damaged or torn log to a new folder, and leave the log as it is. Every record whose
+chain holds from the first on is copied with its leaf, as far as the last whole step; what else can be read, what is
+lost, and what the head file knew is said here and in recovered.json beside the copy, which can be verified like any
+flight. Exit code 0 only where nothing is wrong.
 """
 _SHOW = "Print a flight's records, one a line: seconds of the flight, seq, kind, and what it says."
 _WHY = "Print what led to a record, back to the observation that it came from, and everything that it led to."
@@ -74,6 +82,10 @@ def add(commands: Any) -> None:
     one = _command(own, "check", "say what state the log is in, also where it can't be opened", _CHECK)
     one.add_argument("--json", action="store_true", help="print what was found as one JSON object")
     one.set_defaults(run=run_check)
+    one = _command(own, "recover", "copy what holds of a damaged log", _RECOVER)
+    one.add_argument("out", metavar="OUT", help="folder to write the copy to; it must not be there")
+    one.add_argument("--json", action="store_true", help="print what was found and done as one JSON object")
+    one.set_defaults(run=run_recover)
 
 
 def _command(own: Any, name: str, brief: str, description: str) -> argparse.ArgumentParser:
@@ -115,7 +127,8 @@ def _verify(reader: Reader, folder: Path, *, as_json: bool) -> int:
 
 
 def _tell_signed(reader: Reader, folder: Path) -> None:
-    """Tell on stderr what the node itself has signed of this flight, where it has."""
+    """Tell on stderr what the node itself has signed of this flight, where it has, and whether it is a copy."""
+    tell_recovered(folder)
     first = next(iter(reader.stored(0, 1)), None)
     if first is None or not (folder / VERDICT_FILE).exists():
         return
@@ -148,6 +161,13 @@ def run_check(args: argparse.Namespace) -> int:
     from autopilot.cli import checking
 
     return checking.check(folder_of(args.flight), as_json=args.json)
+
+
+def run_recover(args: argparse.Namespace) -> int:
+    """Write a copy of what holds of a log; return the exit code."""
+    from autopilot.cli import recovering
+
+    return recovering.recover(folder_of(args.flight), Path(args.out), as_json=args.json)
 
 
 def run_show(args: argparse.Namespace) -> int:

@@ -8,10 +8,12 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from autopilot.cli.configuration import DEFAULT_PATH, VARIABLE, ConfigurationError, load
+from autopilot.node import notice
 from projections.store import Unreadable, read_status
 from projections.words import coordinates, degrees, metres, percent, seconds
 
@@ -36,7 +38,9 @@ def add(commands: Any) -> None:
     where = made.add_mutually_exclusive_group()
     where.add_argument("--config", metavar="FILE", help=f"the configuration (default: ${VARIABLE} or {DEFAULT_PATH})")
     where.add_argument("--projections", default="", metavar="PATH", help="the database itself")
-    made.add_argument("--json", action="store_true", help="print the status as one JSON object, with its age_s")
+    made.add_argument(
+        "--json", action="store_true", help="print the status as one JSON object, with its age_s and not_recording"
+    )
     made.set_defaults(run=run)
 
 
@@ -44,18 +48,31 @@ def run(args: argparse.Namespace) -> int:
     """Show the status; return the exit code."""
     try:
         named = args.projections or load(args.config, os.environ, inputs=False).node.projections
-        status = read_status(Path(named))
     except ConfigurationError as error:
         return _told(str(error), error.exit_code)
+    silent = notice.read(Path(named))
+    try:
+        status = read_status(Path(named))
     except Unreadable as error:
+        if silent is not None:
+            print(json.dumps({"not_recording": asdict(silent)}) if args.json else _silent(silent, time.time_ns()))
         return _told(str(error), os.EX_NOINPUT)
-    age_ns = max(time.time_ns() - status["wall_ns"], 0)
+    now_ns = time.time_ns()
+    age_ns = max(now_ns - status["wall_ns"], 0)
     if args.json:
-        print(json.dumps(status | {"age_s": age_ns // 1_000_000_000}, sort_keys=True))
+        said = {"age_s": age_ns // 1_000_000_000, "not_recording": None if silent is None else asdict(silent)}
+        print(json.dumps(status | said, sort_keys=True))
     else:
+        if silent is not None:
+            print(_silent(silent, now_ns))
         for line in screen(status, age_ns):
             print(line)
     return os.EX_OK
+
+
+def _silent(silent: notice.Notice, now_ns: int) -> str:
+    since_ns = max(now_ns - silent.since_ms * 1_000_000, 0)
+    return f"SILENT    this node has not been recording for {age(since_ns)}: {silent.because}"
 
 
 def _told(words: str, code: int) -> int:

@@ -28,6 +28,7 @@ class Board:
         self._wall_ms = wall_ms
         self._status = status.Status()
         self._session: Session | None = None
+        self.disk_short = ""  # what stands in the way of more free space; "" while there is enough
         self._changed = asyncio.Event()
         self._asyncio_loop: asyncio.AbstractEventLoop | None = None
 
@@ -45,6 +46,10 @@ class Board:
     def follow(self, session: Session) -> None:
         """Take the session that is recorded in from now on. On the node's thread."""
         self._session = session
+
+    def say_short(self, words: str) -> None:
+        """Take in what stands in the way of more free space."""
+        self.disk_short = words
 
     def hear(self, records: tuple[Record, ...]) -> None:
         """Fold durable records. On the node's thread, which must not end because something can't be shown."""
@@ -84,6 +89,8 @@ class Board:
             pois=[_poi(one, now_ns) for one in picture.waiting.values() if one.state == "surfaced"],
             map_objects=picture.map_objects,
         )
+        if self.disk_short:
+            said.disk_short = self.disk_short
         if (sealing := self.session.sealing) is not None and sealing.newest:
             said.log_checkpoint, said.log_key = sealing.newest, sealing.certificate
         for vehicle in picture.vehicles.values():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from autopilot.node.joining import Reading
 from autopilot.ports.edges import Clock
 from events.records import Moment
 from events.schema.flight_pb2 import CLOCK_TRUSTED
@@ -16,22 +17,26 @@ def boot_id() -> str:
     return _BOOT_ID.read_text().strip()
 
 
+def read_clocks(clock: Clock) -> Reading:
+    """Read a computer's clocks. The host's wall clock counts as trusted."""
+    return Reading(clock.mono_ns(), clock.wall_ns(), CLOCK_TRUSTED)
+
+
 class FlightClock:
     """Gives every observation its moment; flight time starts at 0 and never goes back."""
 
-    def __init__(self, clock: Clock, boot: int, last: Moment | None = None) -> None:
-        """Start a flight, or go on after `last`: its time of another boot can't be joined, so none passes between."""
+    def __init__(self, clock: Clock, boot: int, start_ns: int = 0) -> None:
+        """Start a flight, or go on with one at `start_ns` of it."""
         self._clock = clock
         self.boot = boot
-        self._newest_ns = 0 if last is None else last.flight_ns
-        joined = last is not None and last.boot == boot
-        self._offset_ns = (last.mono_ns if last is not None and joined else clock.mono_ns()) - self._newest_ns
+        self._newest_ns = start_ns
+        self._offset_ns = clock.mono_ns() - start_ns
 
     def now(self) -> Moment:
-        """Return the present moment. The host's clock counts as trusted."""
-        mono_ns = self._clock.mono_ns()
+        """Return the present moment."""
+        mono_ns, wall_ns, quality = read_clocks(self._clock)
         self._newest_ns = max(mono_ns - self._offset_ns, self._newest_ns)
-        return Moment(self._newest_ns, mono_ns, self.boot, self._clock.wall_ns(), CLOCK_TRUSTED)
+        return Moment(self._newest_ns, mono_ns, self.boot, wall_ns, quality)
 
     def peek_ns(self) -> int:
         """Return the flight time without giving it to a record. From any thread."""

@@ -20,6 +20,7 @@ from autopilot.adapters.eyes import model_sha256
 from autopilot.geo import Origin
 from autopilot.node.board import Board
 from autopilot.node.clock import boot_id
+from autopilot.node.deleting import Retention
 from autopilot.node.edges import Edges, Remembered, make_edges, remembered, resume
 from autopilot.node.flights import Flights, Session
 from autopilot.node.flights import Identity as NodeIdentity
@@ -27,6 +28,7 @@ from autopilot.node.inbox import Inbox
 from autopilot.node.limits import configuration_message
 from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.loop import NodeLoop, Stop
+from autopilot.node.not_recording import CannotRecord, NotRecording
 from autopilot.node.projecting import Projecting
 from autopilot.node.sealing import Sealer
 from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
@@ -38,6 +40,7 @@ from autopilot.trust.keys import SecretFileError
 from events.kinds import UnknownKind
 from events.records import BodyBroken
 from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, Model
+from events.store import StoreFailed
 
 # Without a turn of the loop for this long the node is not well, and its heartbeat stops.
 UNWELL_AFTER_NS = 3_000_000_000
@@ -67,8 +70,7 @@ class Daemon:
             asyncio.get_running_loop().add_signal_handler(number, self._asked_to_stop.set)
         try:
             identity = load_identity(self._config.node.keys, self._clock.wall_ns() // 1_000_000)
-            with FolderLock(Path(self._config.node.flights)):
-                return await self._live(identity)
+            return await self._live(identity)
         except IdentityError as error:
             loose = isinstance(error.__cause__, SecretFileError)
             return _say(f"[node] keys: {error}", os.EX_NOPERM if loose else os.EX_CONFIG)
@@ -80,6 +82,30 @@ class Daemon:
             return _say(str(error), os.EX_IOERR)
 
     async def _live(self, identity: Identity) -> int:
+        """Record as soon as the store can be opened; until then say that nothing is recorded, and refuse."""
+        refusing = NotRecording(self._config, identity, self._clock)
+        try:
+            while True:
+                try:
+                    return await self._locked(identity, refusing)
+                except CannotRecord as error:
+                    refusing.say(str(error))
+                await _first(self._asked_to_stop.wait(), asyncio.sleep(self._config.limits.store_retry_s))
+                if self._asked_to_stop.is_set():
+                    return _say("nothing was recorded", os.EX_IOERR)
+        finally:
+            await refusing.stop()
+
+    async def _locked(self, identity: Identity, refusing: NotRecording) -> int:
+        with contextlib.ExitStack() as held:
+            try:
+                held.enter_context(FolderLock(Path(self._config.node.flights)))
+            except OSError as error:
+                raise CannotRecord(str(error)) from error
+            return await self._record(identity, refusing)
+
+    async def _record(self, identity: Identity, refusing: NotRecording) -> int:
+        """Open the log and live. Raises CannotRecord where the store can't be opened."""
         asyncio_loop, over = asyncio.get_running_loop(), asyncio.Event()
         ready: asyncio.Future[Remembered] = asyncio_loop.create_future()
         self._board.attend(asyncio_loop)
@@ -98,7 +124,11 @@ class Daemon:
         edges = make_edges(self._config, identity, self._clock, self._inbox, self._origin, lambda: self._is_well(loop))
         loop.start()
         await _first(asyncio.shield(ready), over.wait())
+        if not ready.done() and isinstance(loop.failure, StoreFailed):
+            raise CannotRecord(str(loop.failure))
         if ready.done():
+            await refusing.stop()
+            refusing.over()
             await self._serve(loop, edges, over, ready.result(), identity)
         return _exit_code(loop, edges.eyes.refusal)
 
@@ -125,6 +155,7 @@ class Daemon:
             asyncio.create_task(_kept_up(lambda: record_rejections(rejections, self._inbox))),
             asyncio.create_task(_kept_up(projecting.run)),
             asyncio.create_task(_kept_up(verdicts.run)),
+            asyncio.create_task(_kept_up(self._retention().run)),
         ]
         try:
             await _start(edges)
@@ -164,6 +195,16 @@ class Daemon:
     def _is_well(self, loop: NodeLoop) -> bool:
         return loop.is_alive() and self._clock.mono_ns() - loop.turned_ns < UNWELL_AFTER_NS
 
+    def _retention(self) -> Retention:
+        return Retention(
+            Path(self._config.node.flights),
+            self._config.retention,
+            self._clock,
+            self._inbox.offer,
+            lambda: self._board.session.flight.number,
+            self._board.say_short,
+        )
+
     def _flights(self, identity: Identity) -> Flights:
         config = self._config
         models = [config.eyes.model] if config.eyes.source in ("file", "device") else []
@@ -182,6 +223,7 @@ class Daemon:
             ),
             self._clock,
             sealer=Sealer(identity, self._clock),
+            outage_longest_h=config.flight.outage_longest_h,
         )
 
 

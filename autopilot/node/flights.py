@@ -1,9 +1,18 @@
 """Where a flight begins, goes on and ends (design, section 4). Runs on the node's thread only.
 
 Before a log is opened for writing it is examined; a damaged one stays as it was found, and the flight that is begun in
-its place names its head. A start goes on with the open flight when it is of this boot and this logic. Otherwise the
-open flight is closed with its reason, and the next one begins with a manifest and the baseline that the last one hands
-over. Flight time is not joined across boots here: another boot begins another flight.
+its place names its head. A start goes on with the open flight, also after a reboot: flight time is joined over the
+outage (`joining`). A flight begins with a manifest and the baseline that the one before it hands over.
+
+    begins      there is none; the one before is closed; the one before is damaged
+    goes on     any start that finds it open, of this boot or another; in the air also under another logic
+    ends        STOPPED, INPUT_ENDED    asked to stop, or the input ended, with the vehicle disarmed
+                DISARMED                close_after_s after the vehicle disarmed, once no outcome is awaited
+                ABANDONED               a boot found disarmed what an earlier one recorded armed
+                LOGIC_CHANGED           a start under another logic, on the ground
+                DISK_FULL               the disk is full, and the vehicle is disarmed
+
+docs/flights.md names the test of each. When it is over is noticed in `loop`; what happens then is here.
 """
 
 from __future__ import annotations
@@ -11,20 +20,22 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from google.protobuf.message import Message
 
-from autopilot.node.clock import FlightClock
+from autopilot.node.arming import Arming
+from autopilot.node.clock import FlightClock, read_clocks
+from autopilot.node.joining import NO_OUTAGE, Outage, is_same_boot, outage
 from autopilot.node.sealing import Sealer, Sealing
 from autopilot.ports.edges import Clock
 from events.chain import SECRET_BYTES
 from events.records import NO_CAUSE, Moment, Record, make_record, read_record
 from events.schema import flight_pb2
 from events.schema.state_pb2 import CarriedState
-from events.schema.vehicle_pb2 import VehicleStateReported
-from events.store import Appender, Flight, StoreFailed, create_flight, flights_in, open_flight
+from events.store import Appender, Flight, StoreFailed, create_flight, flights_in, open_flight, remove_begun
 from events.store.recovery import Action, Finding, KeptLog, examine
 from statecharts import State, carry_over, charts_digest, restore, step, steps_of
 from statecharts.logic import LOGIC
@@ -60,7 +71,8 @@ class Session:
     started: flight_pb2.NodeStarted = field(default_factory=flight_pb2.NodeStarted)
     last: Moment | None = None
     logic: int = LOGIC
-    flown: bool = False  # the vehicle was armed in this flight
+    arming: Arming = field(default_factory=Arming)
+    outage: Outage = NO_OUTAGE  # between the last record and this start
     sealing: Sealing | None = None  # None: nobody signs what this node records
     fresh: list[Record] = field(default_factory=list)  # recorded while opening: their effects are still to be performed
 
@@ -70,6 +82,19 @@ class Session:
         result = step(self.state, record)
         self.due = result.due
         return result.records
+
+    def note(self, observation: Record) -> None:
+        """Take in what a durable observation says of the flight itself."""
+        self.last = observation.at
+        self.arming.note(observation)
+        match observation.message:
+            case flight_pb2.NodeStarted():
+                self.started = observation.message
+                self.logic = observation.message.logic or self.logic
+            case flight_pb2.FlightOpened():
+                self.logic = observation.message.logic
+            case flight_pb2.FlightClosed():
+                self.closed = True
 
 
 class Flights:
@@ -82,8 +107,10 @@ class Flights:
         clock: Clock,
         random_bytes: RandomBytes = os.urandom,
         sealer: Sealer | None = None,
+        outage_longest_h: float = 24.0,
     ) -> None:
         self._root = root
+        self._outage_longest_ns = int(outage_longest_h * 3600 * 1e9)
         self._identity = identity
         self._clock = clock
         self._random = random_bytes
@@ -97,6 +124,14 @@ class Flights:
         flights = flights_in(self._root)
         number = flights[-1].number + 1 if flights else 1
         last, found = self._last(flights, on_records)
+        try:
+            return self._after(number, last, on_records, found)
+        except StoreFailed:
+            if last is not None:
+                _let_go(last.store)
+            raise
+
+    def _after(self, number: int, last: Session | None, on_records: OnRecords, found: Sequence[Message]) -> Session:
         if last is None or last.kept:
             return self._begin(number, last, on_records, found)
         if not last.closed and (reason := self._why_not_go_on(last)) is not None:
@@ -132,7 +167,11 @@ class Flights:
                     found.append(_recovered(finding))
             if finding.end.seq >= 0:
                 store = KeptLog(finding) if finding.action is Action.KEEP_AND_BEGIN else open_flight(flight)
-                session = self._load(Session(flight, store, State(), FlightClock(self._clock, 1)), on_records)
+                try:
+                    session = self._load(Session(flight, store, State(), FlightClock(self._clock, 1)), on_records)
+                except StoreFailed:
+                    _let_go(store)
+                    raise
                 session.kept = any(isinstance(one, flight_pb2.LogDamaged) for one in found)
                 return session, found
         return None, found
@@ -140,24 +179,27 @@ class Flights:
     def _load(self, session: Session, on_records: OnRecords) -> Session:
         for recorded in steps_of(map(read_record, session.store.stored())):
             session.due = restore(session.state, recorded)
-            _note(session, recorded[0])
+            session.note(recorded[0])
             on_records(recorded)
         if session.last is not None:
-            session.clock = FlightClock(self._clock, self._boot_after(session, session.last), session.last)
+            self._join(session, session.last)
         return session
 
+    def _join(self, session: Session, last: Moment) -> None:
+        """Let the flight's time go on where the log ends, by as much as it is known to have gone on."""
+        now = read_clocks(self._clock)
+        same_boot = is_same_boot(last, now, same_id=session.started.boot_id == self._identity.boot_id)
+        session.outage = outage(last, now, same_boot=same_boot, longest_ns=self._outage_longest_ns)
+        session.clock = FlightClock(self._clock, last.boot + (not same_boot), last.flight_ns + session.outage.ns)
+
     def _why_not_go_on(self, session: Session) -> flight_pb2.CloseReason.ValueType | None:
-        if session.started.boot_id != self._identity.boot_id:
-            return flight_pb2.CLOSE_REBOOTED
         armed = any(vehicle.armed for vehicle in session.state.vehicles.values())
         if session.logic != LOGIC and not armed:
             return flight_pb2.CLOSE_LOGIC_CHANGED
         return None
 
     def _go_on(self, session: Session, on_records: OnRecords, found: Sequence[Message]) -> Session:
-        assert session.last is not None
-        outage_ns = session.clock.now().flight_ns - session.last.flight_ns
-        opening = [self._started(session.started.start + 1, outage_ns), *self._sealed(session), *found]
+        opening = [self._started(session.started.start + 1, session.outage), *self._sealed(session), *found]
         self._record(session, opening, on_records)
         return session
 
@@ -171,7 +213,13 @@ class Flights:
         if before is not None and before.last is not None:
             carried = carry_over(before.state, before.last.flight_ns)
         opening = [self._manifest(number, flight_id, before), flight_pb2.BaselineCarried(state=carried)]
-        self._record(session, [*opening, self._started(1, 0), *self._sealed(session), *found], on_records)
+        try:
+            opening += [self._started(1, NO_OUTAGE), *self._sealed(session), *found]
+            self._record(session, opening, on_records)
+        except StoreFailed:
+            _let_go(store)
+            remove_begun(flight)
+            raise
         if before is not None:
             before.store.close()
         return session
@@ -184,24 +232,23 @@ class Flights:
         refused = [flight_pb2.SealRefused(because=sealing.refusal)] if sealing.refusal else []
         return [flight_pb2.LogKeyCertified(certificate=sealing.certificate), *refused]
 
-    def _boot_after(self, session: Session, last: Moment) -> int:
-        """Return the number of the present boot, which is the one after the log's where the kernel says so."""
-        return last.boot + (session.started.boot_id != self._identity.boot_id)
-
-    def _started(self, start: int, outage_ns: int) -> flight_pb2.NodeStarted:
-        return flight_pb2.NodeStarted(
+    def _started(self, start: int, gone: Outage) -> flight_pb2.NodeStarted:
+        started = flight_pb2.NodeStarted(
             boot_id=self._identity.boot_id,
             start=start,
-            outage_ns=outage_ns,
+            outage_ns=gone.ns,
             logic=LOGIC,
             software=self._identity.software,
         )
+        if gone.unbounded:
+            started.outage_unbounded = gone.unbounded
+        return started
 
     def _record(self, session: Session, observations: Sequence[Message], on_records: OnRecords) -> None:
         steps = [session.observe(observation) for observation in observations]
         session.store.append([record for records in steps for record in records])
         for records in steps:
-            _note(session, records[0])
+            session.note(records[0])
             on_records(records)
             session.fresh.extend(records)
 
@@ -227,18 +274,10 @@ class Flights:
         return manifest
 
 
-def _note(session: Session, observation: Record) -> None:
-    session.last = observation.at
-    match observation.message:
-        case flight_pb2.NodeStarted():
-            session.started = observation.message
-            session.logic = observation.message.logic or session.logic
-        case flight_pb2.FlightOpened():
-            session.logic = observation.message.logic
-        case flight_pb2.FlightClosed():
-            session.closed = True
-        case VehicleStateReported(armed=True):
-            session.flown = True
+def _let_go(store: Appender) -> None:
+    """Close a store that failed, as far as it can be: a later try opens the log anew."""
+    with suppress(StoreFailed):
+        store.close()
 
 
 def _recovered(finding: Finding) -> flight_pb2.LogRecovered:

@@ -1,7 +1,7 @@
 """The inbox: everything that can happen to the node waits here, bounded by class (design, section 3).
 
-Frames and telemetry drop their oldest and are counted; orders and outcomes are refused when there is no room, so
-that whoever offers them can say so, or offer again. It decides nothing and keeps no order between classes: what
+Frames and telemetry drop their oldest; orders and outcomes are refused when there is no room, so that whoever offers
+them can say so, or offer again. What is lost is counted. It decides nothing and keeps no order between classes: what
 waits is taken orders first.
 """
 
@@ -19,6 +19,8 @@ from events.schema.orders_pb2 import OrderReceived
 # Taken in this order: an order never waits behind a burst of frames.
 _ORDER_OF_TAKING = (InputClass.ORDER, InputClass.OUTCOME, InputClass.TELEMETRY, InputClass.FRAME)
 _DROPS_OLDEST = frozenset({InputClass.TELEMETRY, InputClass.FRAME})
+# An outcome that is refused is offered again; whatever else does not get in is gone.
+_COUNTED = (InputClass.ORDER, InputClass.TELEMETRY, InputClass.FRAME)
 
 
 class Inbox:
@@ -34,7 +36,7 @@ class Inbox:
             InputClass.FRAME: limits.inbox_frames,
         }
         self._queues: dict[InputClass, deque[tuple[int, Message]]] = {each: deque() for each in _ORDER_OF_TAKING}
-        self._dropped = dict.fromkeys(_DROPS_OLDEST, 0)
+        self._dropped = dict.fromkeys(_COUNTED, 0)
         self._something = threading.Condition()
         self._woken = False
         self._closed_to_orders = False
@@ -45,13 +47,14 @@ class Inbox:
         """Take an observation in; see `ports.edges.Offer`."""
         with self._something:
             queue = self._queues[input_class]
-            if input_class is InputClass.ORDER and self._refuses_orders():
-                return False
-            if len(queue) >= self._bounds[input_class]:
-                if input_class not in _DROPS_OLDEST:
-                    return False
-                queue.popleft()
+            full = len(queue) >= self._bounds[input_class]
+            lost = full or (input_class is InputClass.ORDER and self._refuses_orders())
+            if lost and input_class in _COUNTED:
                 self._dropped[input_class] += 1
+            if lost and input_class not in _DROPS_OLDEST:
+                return False
+            if lost:
+                queue.popleft()
             queue.append((self._clock.mono_ns(), observation))
             self._something.notify()
         return True
@@ -72,10 +75,10 @@ class Inbox:
             return taken
 
     def take_dropped(self) -> dict[InputClass, int]:
-        """Return what was dropped since the last call, classes with nothing dropped left out."""
+        """Return what was dropped or refused for good since the last call, classes with nothing left out."""
         with self._something:
             dropped = {each: count for each, count in self._dropped.items() if count}
-            self._dropped = dict.fromkeys(_DROPS_OLDEST, 0)
+            self._dropped = dict.fromkeys(_COUNTED, 0)
         return dropped
 
     def wake(self) -> None:

@@ -32,6 +32,8 @@ from events.store.reserve import RESERVE_BYTES
 BATCH_MOST = 64
 # With nothing to do the loop still looks up this often, to let the log's WAL go into the database.
 IDLE_S = 1.0
+# What is lost is recorded at most this often: a flood must not fill what is left of the disk with counts.
+DROPS_APART_NS = 1_000_000_000
 # Adapters say these only when they change, so a flight that begins in the same process is told the newest of each.
 _STANDING = ("vehicle_link_changed", "vehicle_state_reported", "eyes_changed")
 _MAV_IN_PROGRESS = 5
@@ -75,6 +77,7 @@ class NodeLoop(threading.Thread):
         self._commit_by_ns = 0
         self._disarmed_at_ns: int | None = None
         self._told_of_full_disk = False
+        self._tell_dropped_ns = clock.mono_ns()
         self._awaited: set[int] = set()  # effects handed over whose outcome is still to come
         self._standing: dict[tuple[str, int, int], Message] = {}
         self.turned_ns = clock.mono_ns()  # when the loop last went round: whether the node is well
@@ -127,12 +130,17 @@ class NodeLoop(threading.Thread):
         if session.store.reserve_spent and not self._told_of_full_disk:
             self._told_of_full_disk = True
             self._add(session, flight_pb2.DiskFull(reserved_bytes=RESERVE_BYTES))
-        for input_class, count in self._inbox.take_dropped().items():
-            self._add(session, flight_pb2.InputsDropped(input_class=input_class.value, count=count))
+        if self._clock.mono_ns() >= self._tell_dropped_ns:
+            self._tell_dropped(session)
         for observation in batch:
             self._add(session, observation)
         if self._pending and (self._must_commit() or self._clock.mono_ns() >= self._commit_by_ns):
             self._commit(session)
+
+    def _tell_dropped(self, session: Session) -> None:
+        for input_class, count in self._inbox.take_dropped().items():
+            self._tell_dropped_ns = self._clock.mono_ns() + DROPS_APART_NS
+            self._add(session, flight_pb2.InputsDropped(input_class=input_class.value, count=count))
 
     def _add(self, session: Session, observation: Message) -> None:
         if not self._pending:
@@ -150,7 +158,7 @@ class NodeLoop(threading.Thread):
             self._inbox.close_to_orders()
         durable, self._pending = tuple(self._pending), []
         for record in durable:
-            self._note(record)
+            self._note(session, record)
             self._hand_over(record)
         time.sleep(0)  # lets go of the interpreter: whoever performs goes before the fold
         self._on_records(durable)
@@ -161,8 +169,10 @@ class NodeLoop(threading.Thread):
             self._awaited.add(record.seq)
             self._perform(record)
 
-    def _note(self, record: Record) -> None:
-        """Note what is awaited no longer, and what the next flight will have to be told."""
+    def _note(self, session: Session, record: Record) -> None:
+        """Note what is awaited no longer, what the next flight will have to be told, and what is said of the flight."""
+        if record.kind.role is Role.OBSERVATION:
+            session.note(record)
         match record.message:
             case AckPublished(effect_seq=seq) | CommandUnanswered(effect_seq=seq):
                 self._awaited.discard(seq)
@@ -183,8 +193,8 @@ class NodeLoop(threading.Thread):
     def _watch_arming(self, session: Session) -> None:
         """Note when the vehicle, armed before in this flight, was seen disarmed."""
         if _armed(session):
-            session.flown, self._disarmed_at_ns = True, None
-        elif session.flown and self._disarmed_at_ns is None:
+            self._disarmed_at_ns = None
+        elif session.arming.flown and self._disarmed_at_ns is None:
             self._disarmed_at_ns = self._clock.mono_ns()
 
     def _follow_if_over(self, session: Session) -> Session:
@@ -192,21 +202,30 @@ class NodeLoop(threading.Thread):
             self._end(session, flight_pb2.CLOSE_DISK_FULL)
             session.store.close()
             raise StoreFailed("the disk is full; the flight was closed in the space that was reserved: free some space")
-        disarmed_ns = self._disarmed_at_ns
-        if disarmed_ns is None or self._clock.mono_ns() - disarmed_ns < self._close_after_ns:
-            return session
-        if self._awaited:
-            return session  # seqs of one flight mean nothing in the next
-        self._end(session, flight_pb2.CLOSE_DISARMED)
+        reason = self._why_over(session)
+        if reason is None or self._awaited:
+            return session  # seqs of one flight mean nothing in the next: its last outcome is waited for
+        self._end(session, reason)
         self._disarmed_at_ns = None
         following = self._open(self._flights.follow(session, self._on_records))
         for observation in self._standing.values():
             self._add(following, observation)
         return following
 
+    def _why_over(self, session: Session) -> flight_pb2.CloseReason.ValueType | None:
+        """Return why the flight ought to end now; None while it goes on."""
+        if _armed(session):
+            return None
+        if session.arming.abandoned:
+            return flight_pb2.CLOSE_ABANDONED
+        disarmed_ns = self._disarmed_at_ns
+        waited = disarmed_ns is not None and self._clock.mono_ns() - disarmed_ns >= self._close_after_ns
+        return flight_pb2.CLOSE_DISARMED if waited else None
+
     def _finish(self, session: Session, stop: Stop) -> None:
         while batch := self._inbox.take(0, BATCH_MOST):
             self._observe(session, batch)
+        self._tell_dropped(session)
         if _armed(session):
             self._commit_rest(session)
         else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 
+from autopilot.adapters.mesh import MeshAdapter
 from autopilot.node.board import Board
 from autopilot.node.edges import Edges
 from autopilot.node.inbox import Inbox
@@ -22,14 +23,17 @@ CHANGES_APART_S = 0.1
 async def publish_status(settings: MeshSection, edges: Edges, board: Board) -> None:
     """Publish NodeStatus once a period and on change. It is upkeep: nothing of it is recorded."""
     while edges.mesh is not None:
-        tally = edges.mesh.tally()
         status = board.node_status()
-        status.dropped.extend(
-            DropCount(reason=reason, count=count) for reason, count in sorted(tally.rejected.items()) if count
-        )
+        status.dropped.extend(drop_counts(edges.mesh))
         edges.mesh.publish_status(status)
         await asyncio.sleep(CHANGES_APART_S)
         await board.changed(settings.status_period_s - CHANGES_APART_S)
+
+
+def drop_counts(mesh: MeshAdapter) -> list[DropCount]:
+    """Return what the gate has dropped since the start, by reason."""
+    rejected = sorted(mesh.tally().rejected.items())
+    return [DropCount(reason=reason, count=count) for reason, count in rejected if count]
 
 
 class Rejections:
@@ -38,6 +42,11 @@ class Rejections:
     def __init__(self, edges: Edges) -> None:
         self._edges = edges
         self._told: Counter[str] = Counter()
+        self._owed: Counter[str] = Counter()  # what the inbox had no room for
+
+    def keep(self, rejected: dict[str, int]) -> None:
+        """Take back what could not be recorded: it comes with the next."""
+        self._owed.update(rejected)
 
     def fresh(self) -> dict[str, int]:
         """Return what was rejected since the last call by reason, sorted, none of them 0."""
@@ -48,6 +57,8 @@ class Rejections:
         fresh, self._told = totals - self._told, totals
         if edges.mesh is not None:
             fresh.update(edges.mesh.take_rejections())
+        fresh.update(self._owed)
+        self._owed.clear()
         return dict(sorted(fresh.items()))
 
 
@@ -63,4 +74,5 @@ def report_rejections(rejections: Rejections, inbox: Inbox) -> None:
     rejected = rejections.fresh()
     if rejected:
         counts = [RejectedCount(reason=reason, count=count) for reason, count in rejected.items()]
-        inbox.offer(InputClass.OUTCOME, SamplesRejected(rejected=counts))
+        if not inbox.offer(InputClass.OUTCOME, SamplesRejected(rejected=counts)):
+            rejections.keep(rejected)

@@ -118,6 +118,9 @@ class FlightSection(Section):
     """Where a flight begins and ends."""
 
     close_after_s: float = Field(180, ge=0, le=86_400, description="Disarmed this long: the flight is closed.")
+    outage_longest_h: float = Field(
+        24, gt=0, le=8760, description="A longer outage is not believed: a wall clock that jumped is no outage."
+    )
     origin: tuple[float, float, float] | None = Field(
         None, description="Origin as latitude, longitude (degrees), altitude (m AMSL). Absent: the first 3D fix."
     )
@@ -128,6 +131,18 @@ class FlightSection(Section):
         if self.origin is not None and not (abs(self.origin[0]) <= 90 and abs(self.origin[1]) <= 180):
             raise ValueError("origin is latitude (+-90), longitude (+-180), altitude in metres, in this order")
         return self
+
+
+class RetentionSection(Section):
+    """What of the past is deleted. Only what was pushed ever is (`autopilot flights pushed`)."""
+
+    keep_days: float = Field(30, gt=0, le=3650, description="A pushed flight is deleted when it ended so long ago.")
+    keep_newest: int = Field(
+        5, ge=1, le=10_000, description="So many of the newest closed flights stay; the open one names the last's head."
+    )
+    min_free_mib: int = Field(
+        1024, ge=0, le=1 << 30, description="Under this much free space pushed flights go earlier, the oldest first."
+    )
 
 
 class FindSection(Section):
@@ -184,6 +199,9 @@ class LimitsSection(Section):
     inbox_telemetry: int = Field(512, ge=1, description="Telemetry waiting; the oldest is dropped.")
     inbox_frames: int = Field(32, ge=1, description="Frames waiting; the oldest is dropped.")
     commit_within_ms: int = Field(100, ge=1, le=1000, description="A group of records is durable within this.")
+    store_retry_s: float = Field(
+        30, ge=1, le=3600, description="A store that can't be opened is tried again after this."
+    )
     commit_stall_s: float = Field(2.0, gt=0, description="A slower commit refuses orders until one is quick again.")
     arrival_tolerance_deg: float = Field(1.0, gt=0, le=45, description="The gimbal has arrived within this.")
     arrival_patience_s: float = Field(10, gt=0, le=120, description="It is said not to have arrived after this.")
@@ -203,6 +221,7 @@ class Config(Section):
     vehicle: VehicleSection = VehicleSection()
     eyes: EyesSection = EyesSection()
     flight: FlightSection = FlightSection()
+    retention: RetentionSection = RetentionSection()
     find: FindSection = FindSection()
     scan: ScanSection = ScanSection()
     limits: LimitsSection = LimitsSection()

@@ -62,8 +62,6 @@ class _CloseReasonEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_CloseReas
     """A start under another logic number, on the ground."""
     CLOSE_INPUT_ENDED: _CloseReason.ValueType  # 5
     """The input ended and the configuration says to stop then."""
-    CLOSE_REBOOTED: _CloseReason.ValueType  # 6
-    """Another boot of the computer: monotonic time can't be joined."""
     CLOSE_DISK_FULL: _CloseReason.ValueType  # 7
     """The disk is full, and the vehicle is disarmed."""
 
@@ -81,8 +79,6 @@ CLOSE_LOGIC_CHANGED: CloseReason.ValueType  # 4
 """A start under another logic number, on the ground."""
 CLOSE_INPUT_ENDED: CloseReason.ValueType  # 5
 """The input ended and the configuration says to stop then."""
-CLOSE_REBOOTED: CloseReason.ValueType  # 6
-"""Another boot of the computer: monotonic time can't be joined."""
 CLOSE_DISK_FULL: CloseReason.ValueType  # 7
 """The disk is full, and the vehicle is disarmed."""
 Global___CloseReason: _TypeAlias = CloseReason  # noqa: Y015
@@ -442,6 +438,7 @@ class NodeStarted(_message.Message):
     BOOT_ID_FIELD_NUMBER: _builtins.int
     START_FIELD_NUMBER: _builtins.int
     OUTAGE_NS_FIELD_NUMBER: _builtins.int
+    OUTAGE_UNBOUNDED_FIELD_NUMBER: _builtins.int
     LOGIC_FIELD_NUMBER: _builtins.int
     SOFTWARE_FIELD_NUMBER: _builtins.int
     boot_id: _builtins.str
@@ -449,7 +446,9 @@ class NodeStarted(_message.Message):
     start: _builtins.int
     """How many times a daemon has started in this flight, from 1."""
     outage_ns: _builtins.int
-    """Time between the last record and this start, in nanoseconds; 0 for the first start."""
+    """Time between the last record and this start, in nanoseconds; 0 for the first start, and where it can't be bounded."""
+    outage_unbounded: _builtins.str
+    """Why the outage can't be bounded: deadlines of people count as passed, holds as released. Absent where it is bounded."""
     logic: _builtins.int
     """Logic number of the daemon that decides from here on; absent: that of the manifest."""
     software: _builtins.str
@@ -460,12 +459,13 @@ class NodeStarted(_message.Message):
         boot_id: _builtins.str | None = ...,
         start: _builtins.int | None = ...,
         outage_ns: _builtins.int | None = ...,
+        outage_unbounded: _builtins.str | None = ...,
         logic: _builtins.int | None = ...,
         software: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["boot_id", b"boot_id", "logic", b"logic", "outage_ns", b"outage_ns", "software", b"software", "start", b"start"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["boot_id", b"boot_id", "logic", b"logic", "outage_ns", b"outage_ns", "outage_unbounded", b"outage_unbounded", "software", b"software", "start", b"start"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["boot_id", b"boot_id", "logic", b"logic", "outage_ns", b"outage_ns", "software", b"software", "start", b"start"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["boot_id", b"boot_id", "logic", b"logic", "outage_ns", b"outage_ns", "outage_unbounded", b"outage_unbounded", "software", b"software", "start", b"start"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -585,7 +585,7 @@ class InputsDropped(_message.Message):
     INPUT_CLASS_FIELD_NUMBER: _builtins.int
     COUNT_FIELD_NUMBER: _builtins.int
     input_class: _builtins.str
-    """Class of the inbox: "frame", "telemetry"."""
+    """Class of the inbox: "order", "telemetry", "frame"."""
     count: _builtins.int
     """How many since the last such record."""
     def __init__(
@@ -753,6 +753,44 @@ class DiskFull(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___DiskFull: _TypeAlias = DiskFull  # noqa: Y015
+
+@_typing.final
+class FlightDeleted(_message.Message):
+    """A flight that was pushed is no longer on this disk. Said again where a power cut leaves it open whether it was said."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FLIGHT_NUMBER_FIELD_NUMBER: _builtins.int
+    FLIGHT_ID_FIELD_NUMBER: _builtins.int
+    LAST_SEQ_FIELD_NUMBER: _builtins.int
+    LAST_LEAF_FIELD_NUMBER: _builtins.int
+    PUSHED_TO_FIELD_NUMBER: _builtins.int
+    flight_number: _builtins.int
+    """Its number on this node."""
+    flight_id: _builtins.bytes
+    """The flight, 16 bytes."""
+    last_seq: _builtins.int
+    """Its last record."""
+    last_leaf: _builtins.bytes
+    """The leaf of its last record, 32 bytes."""
+    pushed_to: _builtins.str
+    """Where it was pushed to, as the receipt has it."""
+    def __init__(
+        self,
+        *,
+        flight_number: _builtins.int | None = ...,
+        flight_id: _builtins.bytes | None = ...,
+        last_seq: _builtins.int | None = ...,
+        last_leaf: _builtins.bytes | None = ...,
+        pushed_to: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flight_id", b"flight_id", "flight_number", b"flight_number", "last_leaf", b"last_leaf", "last_seq", b"last_seq", "pushed_to", b"pushed_to"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["flight_id", b"flight_id", "flight_number", b"flight_number", "last_leaf", b"last_leaf", "last_seq", b"last_seq", "pushed_to", b"pushed_to"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FlightDeleted: _TypeAlias = FlightDeleted  # noqa: Y015
 
 @_typing.final
 class LogKeyCertified(_message.Message):

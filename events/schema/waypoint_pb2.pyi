@@ -819,6 +819,8 @@ class NodeStatus(_message.Message):
     HEIGHT_MM_FIELD_NUMBER: _builtins.int
     LOG_CHECKPOINT_FIELD_NUMBER: _builtins.int
     LOG_KEY_FIELD_NUMBER: _builtins.int
+    NOT_RECORDING_FIELD_NUMBER: _builtins.int
+    DISK_SHORT_FIELD_NUMBER: _builtins.int
     at_ms: _builtins.int
     """Node's clock, milliseconds since 1970."""
     flight_id: _builtins.bytes
@@ -826,7 +828,7 @@ class NodeStatus(_message.Message):
     head_seq: _builtins.int
     """Highest seq that the status rests on."""
     health: _builtins.str
-    """"normal" or "safe mode"."""
+    """"normal", "safe mode" or "not recording"."""
     command_enabled: _builtins.bool
     """Whether orders are taken."""
     vehicle_link: _builtins.bool
@@ -849,6 +851,10 @@ class NodeStatus(_message.Message):
     """Newest checkpoint of the open flight's log, a signed note (C2SP tlog-checkpoint); absent before the first."""
     log_key: _builtins.str
     """Certificate of the key that signs it, a signed note of the device's key."""
+    not_recording: _builtins.str
+    """Why this node records nothing, and so takes no orders; absent while it records."""
+    disk_short: _builtins.str
+    """What stands in the way of more free space, in words; absent while there is enough."""
     @_builtins.property
     def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___CameraStatus]:
         """Cameras and who holds them."""
@@ -882,10 +888,12 @@ class NodeStatus(_message.Message):
         height_mm: _builtins.int | None = ...,
         log_checkpoint: _builtins.str | None = ...,
         log_key: _builtins.str | None = ...,
+        not_recording: _builtins.str | None = ...,
+        disk_short: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "disk_short", b"disk_short", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "disk_short", b"disk_short", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

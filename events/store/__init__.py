@@ -5,6 +5,7 @@ from events.store.flights import create_flight as create_flight
 from events.store.flights import flights_in as flights_in
 from events.store.flights import open_flight as open_flight
 from events.store.flights import read_flight as read_flight
+from events.store.flights import remove_begun as remove_begun
 from events.store.memory import MemoryStore as MemoryStore
 from events.store.protocol import Appender as Appender
 from events.store.protocol import Head as Head

@@ -6,6 +6,7 @@ A flight ships and is deleted as one folder. Which flight is open is decided by 
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,7 +48,19 @@ def create_flight(root: Path, number: int, flight_id: bytes, secret: bytes) -> t
         sync_folder(root)
     except OSError as error:
         raise StoreFailed(f"the flight's folder can't be made: {error}") from error
-    return flight, SqliteStore.create(flight.database, flight_id, secret)
+    try:
+        return flight, SqliteStore.create(flight.database, flight_id, secret)
+    except StoreFailed:
+        remove_begun(flight)
+        raise
+
+
+def remove_begun(flight: Flight) -> None:
+    """Remove what is left of a flight whose opening could not be recorded: tried again and again it would fill a disk.
+
+    Best effort: a start passes over whatever stays.
+    """
+    shutil.rmtree(flight.folder, ignore_errors=True)
 
 
 def open_flight(flight: Flight) -> SqliteStore:

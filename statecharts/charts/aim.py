@@ -3,7 +3,8 @@
 Theory of operation. COMMAND_ACK means "valid and will be attempted", not "points there". So each pointing effect
 starts a measurement: the edge reports the angle between what was asked and what the gimbal says of itself, and
 within `arrival_tolerance_cdeg` it has arrived. After `arrival_patience_ms`, or when the vehicle refuses the command, it
-has missed. A newer effect starts over. It must never call an accepted command an arrival.
+has missed. A newer effect starts over. A start of the daemon ends the measurement, for what is measured against was in
+the process before: the gimbal did not miss, nobody looks any more. It must never call an accepted command an arrival.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ def _rows_of_rest(source: str) -> tuple[Row[_Facts], ...]:
         ignore(source, "measured", "nothing is waited for"),
         ignore(source, "refused", "nothing is waited for"),
         ignore(source, "time_passed", "nothing is waited for"),
+        ignore(source, "node_started", "nothing is waited for"),
     )
 
 
@@ -59,7 +61,7 @@ CHART: Chart[_Facts] = Chart(
     initial="idle",
     states=("idle", "moving", "arrived", "missed"),
     terminal=(),
-    triggers=("asked", "let_go", "measured", "refused", "time_passed"),
+    triggers=("asked", "let_go", "measured", "refused", "time_passed", "node_started"),
     rows=(
         *_rows_of_rest("idle"),
         move("moving", "asked", "moving", "asked to look elsewhere"),
@@ -68,6 +70,7 @@ CHART: Chart[_Facts] = Chart(
         ignore("moving", "measured", "on its way", band=2),
         move("moving", "refused", "missed", "the vehicle did not take the command"),
         move("moving", "time_passed", "missed", "not there in time"),
+        move("moving", "node_started", "idle", "started again: nobody measures it any more"),
         *_rows_of_rest("arrived"),
         *_rows_of_rest("missed"),
     ),
@@ -85,6 +88,8 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
         case "time_passed":
             passed = state.passed(CHART.name, record.at.flight_ns)
             return tuple(move for key in passed for move in _fire(state, key, "time_passed"))
+        case "node_started":
+            return tuple(move for key in state.waiting(CHART.name) for move in _fire(state, key, "node_started"))
         case "gimbal_reported":
             assert isinstance(message, GimbalReported)
             return _measured(state, message)
@@ -171,6 +176,7 @@ PART = Part(
             "command_answered",
             "command_unanswered",
             "time_passed",
+            "node_started",
         }
     ),
     decide=decide,

@@ -3,8 +3,9 @@
 Theory of operation. A camera is automatic (the node may move it), held by an operator, or released (nobody moves it).
 An order that passed its gates takes the camera, also from another operator: the last write wins, and `camera_taken`
 says whose it was (seed 000, Issuer UX). A hold ends by itself `operator_hold_ms` after the holder's last order; a
-released camera goes back to automatic after `release_pause_ms`, so that a hand-over is not disturbed. It must never
-have two masters, and never move the camera itself.
+released camera goes back to automatic after `release_pause_ms`, so that a hand-over is not disturbed. After an outage
+of which nobody knows how long it was, both count as over. It must never have two masters, and never move the camera
+itself.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from google.protobuf.message import Message
 from events.records import Record
 from events.schema.common_pb2 import Moved
 from events.schema.findings_pb2 import CameraTaken
+from events.schema.flight_pb2 import NodeStarted
 from statecharts.facts import Camera, Order
 from statecharts.part import Part
 from statecharts.state import State
@@ -36,7 +38,7 @@ CHART: Chart[_Facts] = Chart(
     initial="automatic",
     states=("automatic", "operator", "released"),
     terminal=(),
-    triggers=("pointed", "let_go", "time_passed"),
+    triggers=("pointed", "let_go", "time_passed", "time_lost"),
     rows=(
         move("automatic", "pointed", "operator", "an operator points it"),
         move("operator", "pointed", "operator", "an operator points it: last write wins"),
@@ -47,6 +49,9 @@ CHART: Chart[_Facts] = Chart(
         ignore("automatic", "time_passed", "nothing to wait for"),
         move("operator", "time_passed", "automatic", "the hold ran out"),
         move("released", "time_passed", "automatic", "the pause is over"),
+        ignore("automatic", "time_lost", "nothing to wait for"),
+        move("operator", "time_lost", "automatic", "off for an unknown time: the hold is over"),
+        move("released", "time_lost", "automatic", "off for an unknown time: the pause is over"),
     ),
 )
 
@@ -59,6 +64,9 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
         passed = state.passed(CHART.name, record.at.flight_ns)
         return tuple(message for key in passed for message in _fire(state, key, "time_passed"))
     change = record.message
+    if isinstance(change, NodeStarted):
+        waiting = state.waiting(CHART.name) if change.HasField("outage_unbounded") else ()
+        return tuple(message for key in waiting for message in _fire(state, key, "time_lost"))
     assert isinstance(change, Moved)
     if change.chart != "command" or change.to_state != "intended":
         return ()
@@ -116,7 +124,7 @@ def _apply_taken(state: State, record: Record) -> None:
 
 PART = Part(
     chart=CHART,
-    alphabet=frozenset({"moved", "time_passed"}),
+    alphabet=frozenset({"moved", "time_passed", "node_started"}),
     decide=decide,
     evolve={"moved": _apply_move, "camera_taken": _apply_taken},
     safety=True,

@@ -18,6 +18,7 @@ from events.schema.findings_pb2 import (
     SightingMuted,
     SightingsClassified,
 )
+from events.schema.flight_pb2 import NodeStarted
 from statecharts.charts.poi import CHART, LIVE, Facts
 from statecharts.facts import Ignored, MapObject, Poi, Spot
 from statecharts.part import Part
@@ -43,8 +44,16 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
             return (*ended, *_surface(state, now_ns, ended=keys))
         case "flight_closed":
             return tuple(move for key, _ in state.pois.items() for move in _fire(state, key, "flight_closed"))
+        case "node_started":
+            assert isinstance(message, NodeStarted)
+            return _time_lost(state) if message.HasField("outage_unbounded") else ()
     assert isinstance(message, Moved)
     return _judged(state, message) if message.chart == "command" and message.to_state == "accepted" else ()
+
+
+def _time_lost(state: State) -> tuple[Message, ...]:
+    """Let every question expire: the time to answer it may be over."""
+    return tuple(move for key, _ in state.open_pois.items() for move in _fire(state, key, "time_lost"))
 
 
 def _sighted(state: State, record: Record, classified: SightingsClassified) -> tuple[Message, ...]:
@@ -289,7 +298,7 @@ def _window_ns(state: State, confidence_e4: int) -> int:
 
 PART = Part(
     chart=CHART,
-    alphabet=frozenset({"sightings_classified", "time_passed", "flight_closed", "moved"}),
+    alphabet=frozenset({"sightings_classified", "time_passed", "node_started", "flight_closed", "moved"}),
     decide=decide,
     evolve={
         "sightings_classified": _count,

@@ -52,6 +52,20 @@ def started(config: Path) -> subprocess.Popen[str]:
     return child
 
 
+def said(config: Path, words: str, **options: Any) -> subprocess.Popen[str]:
+    """Start the daemon and wait until a line of its has these words."""
+    child = subprocess.Popen(
+        [*COMMAND, str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, **options
+    )
+    assert child.stderr is not None
+    heard = ""
+    while words not in (line := child.stderr.readline()):
+        heard += line
+        if not line:
+            raise RuntimeError(heard)
+    return child
+
+
 def ended(child: subprocess.Popen[str]) -> tuple[int, str]:
     """Ask it to end; return exit code and last words."""
     child.terminate()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Literal
 
 from google.protobuf.message import Message
@@ -46,15 +46,17 @@ class MeshAdapter:
         *,
         wire: Wire | None = None,
         random: Random = os.urandom,
+        refusal: Callable[[], str] = lambda: "busy: this node takes no orders just now",
     ) -> None:
         """Make the adapter; `start` opens the session.
 
         `locate` works out a Place; `offer` hands observations to the node and is called on
-        Zenoh's thread and on the outbox's. `wire` replaces the Zenoh link in tests.
+        Zenoh's thread and on the outbox's; `refusal` is what to say where it refuses an order.
+        `wire` replaces the Zenoh link in tests.
         """
         self._identity = identity
         self._clock = clock
-        self._offer = offer
+        self._offer, self._refusal = offer, refusal
         self._wire = wire or _link(config)
         self._gate: Gate[Order] = Gate(
             identity,
@@ -92,7 +94,7 @@ class MeshAdapter:
         observation: OrderReceived | OrderMalformed
         observation = order_malformed(verdict) if isinstance(verdict, Malformed) else order_received(verdict)
         if not self._offer(InputClass.ORDER, observation):
-            self._answer_busy(observation)
+            self._refuse(observation)
 
     def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
         """Perform a `SendAck`: it is sealed and published by the outbox, which offers AckPublished.
@@ -134,12 +136,12 @@ class MeshAdapter:
         address = order_address(key_expr)
         return address is not None and address.node == self._identity.principal_id
 
-    def _answer_busy(self, observation: OrderReceived | OrderMalformed) -> None:
+    def _refuse(self, observation: OrderReceived | OrderMalformed) -> None:
         """Refuse what the inbox refused. Not final: nothing was recorded, a later repeat may be taken."""
         ack = CommandAck(
             command_id=observation.command_id,
             result=AckResult.ACK_REJECTED,
-            detail="busy: this node takes no orders just now",
+            detail=self._refusal(),
             result_state=ResultState.PENDING,
         )
         self._queue(None, observation.in_reply_to, ack, self._clock.mono_ns())

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from autopilot.cli import status
+from autopilot.node import notice
 from projections import status as fold
 from projections.picture import Status
 from projections.store import Projector
@@ -124,6 +125,31 @@ def test_status_by_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[s
     config.write_text("[node]\nprojektions = 1\n", encoding="utf-8")
     assert run(status, ["status", "--config", str(config)]) == 78
     assert "projektions" in capsys.readouterr().err
+
+
+def test_a_node_that_does_not_record(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """First of all lines, beside what was known last; also where nothing is known any more."""
+    path = kept(tmp_path / "p.db", story())
+    wall_ns = plain(story())["wall_ns"]
+    monkeypatch.setattr("time.time_ns", lambda: wall_ns + 65_000_000_000)
+    notice.leave(path, notice.Notice("the disk is gone", wall_ns // 1_000_000))
+    line = "SILENT    this node has not been recording for 65 s: the disk is gone\n"
+    words = ["status", "--projections", str(path)]
+    assert run(status, words) == 0
+    assert capsys.readouterr().out.startswith(line + "node ")
+    assert run(status, [*words, "--json"]) == 0
+    said = {"because": "the disk is gone", "since_ms": wall_ns // 1_000_000}
+    assert json.loads(capsys.readouterr().out)["not_recording"] == said
+    path.unlink()
+    assert run(status, words) == 66
+    assert capsys.readouterr().out == line
+    assert run(status, [*words, "--json"]) == 66
+    assert json.loads(capsys.readouterr().out) == {"not_recording": said}
+    notice.take_away(path)
+    assert run(status, words) == 66
+    assert capsys.readouterr().out == ""
 
 
 def test_no_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,7 @@ def begin(tmp_path: Path, clock: FakeClock, monkeypatch: pytest.MonkeyPatch) -> 
     """Return what makes the next start of the daemon; all starts share folder, clock and source of chance."""
     random = chance()
 
-    def start(**values: str) -> Node:
+    def start(**values: object) -> Node:
         return Node(tmp_path, clock, monkeypatch, random=random, **values)  # type: ignore[arg-type]
 
     return start

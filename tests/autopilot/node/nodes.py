@@ -27,6 +27,7 @@ from events.schema.flight_pb2 import OriginSet
 from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
 from events.store import Head, SqliteStore, StoreFailed, flights_in, read_flight
 from events.store.flights import Flight
+from statecharts import LOGIC, logic
 from tests.flights import NODE_KEY, place
 
 NS_PER_MS = 1_000_000
@@ -133,12 +134,15 @@ class Node:
         settings: Config | None = None,
         boot_id: str = BOOT,
         random: Callable[[int], bytes] | None = None,
+        outage_longest_h: float = 24.0,
     ) -> None:
         self.root, self.clock, self.disk = root, clock, Disk(clock)
         settings = settings or config()
         _tell_stores(monkeypatch, self.disk)
         self.inbox = PatientInbox(settings.limits, clock)
-        self.flights = Flights(root, identity(boot_id, settings), clock, random or chance())
+        self.flights = Flights(
+            root, identity(boot_id, settings), clock, random or chance(), outage_longest_h=outage_longest_h
+        )
         self.heard: list[Record] = []
         self.sessions: list[Session] = []
         self.performed: list[Record] = []
@@ -234,3 +238,9 @@ def _tell_stores(monkeypatch: pytest.MonkeyPatch, disk: Disk) -> None:
 
     monkeypatch.setattr(flights_module, "create_flight", create)
     monkeypatch.setattr(flights_module, "open_flight", lambda flight: told(open_flight(flight)))
+
+
+def update(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the software be one of a later logic."""
+    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
+    monkeypatch.setattr(logic, "LOGIC", LOGIC + 1)

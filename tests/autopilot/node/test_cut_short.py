@@ -8,12 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from events.schema.flight_pb2 import (
-    CLOSE_REBOOTED,
-)
+from events.schema.flight_pb2 import CLOSE_LOGIC_CHANGED
 from events.store import StoreFailed
 from tests.autopilot.node.histories import Begin, check_hands_over, check_history, check_history_of_newest, fly
-from tests.autopilot.node.nodes import Node, of_kind
+from tests.autopilot.node.nodes import Node, of_kind, update
 
 
 def cut_folder(_node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,6 +43,7 @@ def test_a_first_start_that_is_cut_short_is_passed_over(
         cut(node, patch)
         with pytest.raises(StoreFailed):
             node.start()
+    assert [path for path in tmp_path.iterdir() if path.is_dir()] == []  # tried every 30 s, it would fill a disk
     again = begin().start()
     assert again.kinds() == ["flight_opened", "baseline_carried", "node_started"]
     again.kill()
@@ -53,24 +52,39 @@ def test_a_first_start_that_is_cut_short_is_passed_over(
 
 @pytest.mark.parametrize("cut", [cut_first_append, cut_second_append, cut_folder])
 def test_a_change_of_flights_that_is_cut_short_is_done_again(
-    begin: Begin, cut: Callable[[Node, pytest.MonkeyPatch], None]
+    begin: Begin, monkeypatch: pytest.MonkeyPatch, cut: Callable[[Node, pytest.MonkeyPatch], None]
 ) -> None:
     """The old flight is closed once, and what it knew arrives in the flight that comes of it."""
     node = begin().start()
     fly(node)
     node.kill()
-    second = begin(boot_id="boot-2")
+    update(monkeypatch)
+    second = begin()
     with pytest.MonkeyPatch.context() as patch:
         cut(second, patch)
         with pytest.raises(StoreFailed):
             second.start()
-    third = begin(boot_id="boot-2").start()
+    third = begin().start()
     old = third.log(0)
-    assert [one.reason for one in of_kind(old, "flight_closed")] == [CLOSE_REBOOTED]
+    assert [one.reason for one in of_kind(old, "flight_closed")] == [CLOSE_LOGIC_CHANGED]
     check_hands_over(old, third.log())
     assert [order.command_id for order in third.session.state.orders.values()] == ["a1"]
     third.kill()
     check_history_of_newest(third.root)
+
+
+def test_a_start_that_fails_lets_go_of_the_log(begin: Begin, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is tried again in the same process: nobody may have the old log open then."""
+    node = begin().start()
+    folder = node.session.flight.folder
+    node.kill()
+    update(monkeypatch)
+    second = begin()
+    second.disk.fails_at = 1
+    with pytest.raises(StoreFailed) as failed:
+        second.start()
+    assert failed.tb is not None  # its frames still hold the store: only closing it lets go
+    assert not (folder / "flight.db-wal").exists()
 
 
 def test_a_failing_end_leaves_the_flight_open(begin: Begin, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from autopilot.node.upkeep import Rejections, report_rejections
 from autopilot.ports.config import Config
 from autopilot.ports.edges import InputClass
 from projections.store import Projector, read_status
-from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind
+from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind, vehicle_state
 from tests.flights import answered, point_at_place, sent
 
 _HOLD = "import sys; from pathlib import Path; from autopilot.node.lock import FolderLock\n"
@@ -147,6 +147,24 @@ def test_what_was_rejected_is_recorded_as_counts(node: Node) -> None:
     told = [[(one.reason, one.count) for one in each.rejected] for each in of_kind(node.log(), "samples_rejected")]
     first = [("eyes: too_many", 2), ("size", 1), ("token_sig", 3), ("vehicle: garbage", 4)]
     assert told == [first, [("vehicle: garbage", 5)]]
+
+
+def test_what_was_rejected_while_the_inbox_was_full_is_told_later(node: Node) -> None:
+    """No count is lost: it comes with the next."""
+    rejections = Rejections(edges(Mesh(), vehicle := Counting(garbage=4)))
+    while node.inbox.offer(InputClass.OUTCOME, vehicle_state(armed=True)):
+        continue
+    report_rejections(rejections, node.inbox)
+    report_rejections(rejections, node.inbox)
+    vehicle.rejected["garbage"] += 5
+    while not node.inbox.empty:
+        node.turn()
+    report_rejections(rejections, node.inbox)
+    report_rejections(rejections, node.inbox)
+    node.turn()
+    node.turn(after_ms=200)
+    told = [[(one.reason, one.count) for one in each.rejected] for each in of_kind(node.log(), "samples_rejected")]
+    assert told == [[("eyes: too_many", 2), ("size", 1), ("token_sig", 3), ("vehicle: garbage", 9)]]
 
 
 def test_the_board_says_what_the_log_says(node: Node) -> None:

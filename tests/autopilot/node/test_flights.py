@@ -6,20 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from autopilot.node import flights as flights_module
 from autopilot.node.flights import Session
 from autopilot.node.limits import digest
 from autopilot.ports.edges import InputClass
 from events.schema.flight_pb2 import (
     CLOSE_LOGIC_CHANGED,
-    CLOSE_REBOOTED,
     NodeStarted,
 )
 from events.store import flights_in
-from statecharts import State, charts_digest, logic, restore, steps_of
+from statecharts import State, charts_digest, restore, steps_of
 from statecharts.logic import LOGIC
 from tests.autopilot.node.histories import Begin, check_hands_over, check_history, fly
-from tests.autopilot.node.nodes import FakeClock, config, heard_vehicle, of_kind, vehicle_state
+from tests.autopilot.node.nodes import FakeClock, config, heard_vehicle, of_kind, update, vehicle_state
 from tests.checks import check_equal, check_same
 from tests.flights import point_at_place
 
@@ -109,28 +107,70 @@ def test_an_order_without_an_outcome_is_answered_and_not_sent_again(begin: Begin
     assert [one.kind.name for one in third.performed] == ["send_ack"]  # still owed: nothing says that it left
 
 
-@pytest.mark.parametrize("later_ms", [0, -40_000])
-def test_another_boot_is_another_flight(begin: Begin, clock: FakeClock, tmp_path: Path, later_ms: int) -> None:
-    """The old one is closed where it stood, its time goes back for nothing, and what it knew is carried over."""
+def reboot(clock: FakeClock, *, off_s: int, up_s: int = 20) -> None:
+    """Let the computer be off, and then up for some seconds before the daemon starts."""
+    clock.mono = up_s * 1_000_000_000
+    clock.wall += (off_s + up_s) * 1_000_000_000
+
+
+def test_another_boot_goes_on_with_the_flight(begin: Begin, clock: FakeClock, tmp_path: Path) -> None:
+    """Its time is joined over the outage, which the wall clock bounds; nothing that people wait for is over early."""
     node = begin().start()
     fly(node)
     node.kill()
-    clock.mono += later_ms * 1_000_000  # monotonic time begins anew, here later, there earlier than it stood
+    last = node.log()[-1].at
+    reboot(clock, off_s=300)
     again = begin(boot_id="boot-2").start()
-    check_history(tmp_path, (1, "CLOSE_REBOOTED"), (1, ""))
-    check_hands_over(again.log(0), again.log(1))
-    closed = again.log(0)[-1].at
-    assert (closed.boot, closed.flight_ns) == (2, again.log(0)[-2].at.flight_ns)
-    assert [record.at.boot for record in again.log(1)] == [2] * len(again.log(1))
-    assert next(of_kind(again.log(1), "node_started")).boot_id == "boot-2"
+    check_history(tmp_path, (2, ""))
+    started = [record for record in again.log() if record.kind.name == "node_started"][-1]
+    gone_ns = clock.wall - last.wall_ns
+    assert started.message == NodeStarted(boot_id="boot-2", start=2, outage_ns=gone_ns, logic=LOGIC, software="0.1.0")
+    assert (started.at.boot, started.at.flight_ns) == (2, last.flight_ns + gone_ns)
     again.kill()
-    assert begin(boot_id="boot-3").start().log(2)[0].at.boot == 3
+    reboot(clock, off_s=10)
+    third = begin(boot_id="boot-3").start()
+    assert third.log()[-1].at.boot == 3
+    check_history(tmp_path, (3, ""))
 
 
-def update(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the software be one of a later logic."""
-    monkeypatch.setattr(flights_module, "LOGIC", LOGIC + 1)
-    monkeypatch.setattr(logic, "LOGIC", LOGIC + 1)
+def test_an_outage_that_nobody_can_measure_frees_the_camera(begin: Begin, clock: FakeClock, tmp_path: Path) -> None:
+    """The start says so; no time passes, so what must not be forgotten is kept, and what people hold is let go."""
+    node = begin().start()
+    fly(node)
+    assert node.session.state.cameras["1/1"].state == "operator"
+    nonces = list(node.session.state.nonces.items())
+    node.kill()
+    clock.wall -= 3_600_000_000_000
+    clock.mono = 0
+    again = begin(boot_id="boot-2").start()
+    started = [record for record in again.log() if record.kind.name == "node_started"][-1]
+    assert started.message == NodeStarted(
+        boot_id="boot-2",
+        start=2,
+        outage_ns=0,
+        outage_unbounded="the wall clock went back",
+        logic=LOGIC,
+        software="0.1.0",
+        start=2,
+        outage_ns=0,
+        outage_unbounded="the wall clock went back",
+        logic=LOGIC,
+        software="0.1.0",
+    )
+    assert started.at.flight_ns == node.log()[started.seq - 1].at.flight_ns
+    assert again.session.state.cameras["1/1"].state == "automatic"
+    assert list(again.session.state.nonces.items()) == nonces
+    assert [order.command_id for order in again.session.state.orders.values()] == ["a1"]
+    check_history(tmp_path, (2, ""))
+
+
+def test_the_longest_outage_that_is_believed_is_configured(begin: Begin, clock: FakeClock) -> None:
+    """Where the wall clock says more, it is doubted."""
+    node = begin().start()
+    node.kill()
+    reboot(clock, off_s=7_300)
+    again = begin(boot_id="boot-2", outage_longest_h=2.0).start()
+    assert again.session.started.outage_unbounded == "the wall clock says 7320 s, more than is believed"
 
 
 def test_another_logic_on_the_ground_is_another_flight(
@@ -147,7 +187,7 @@ def test_another_logic_on_the_ground_is_another_flight(
     check_hands_over(again.log(0), again.log(1))
     assert next(of_kind(again.log(1), "flight_opened")).logic == LOGIC + 1
     assert again.log(0)[-1].at.flight_ns > again.log(0)[-2].at.flight_ns + 2_900_000_000
-    assert [CLOSE_LOGIC_CHANGED, CLOSE_REBOOTED] == [4, 6]
+    assert CLOSE_LOGIC_CHANGED == 4
 
 
 def test_another_logic_in_the_air_goes_on(begin: Begin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -86,6 +86,16 @@ def test_arming_again_in_time_is_the_same_flight(begin: Begin, tmp_path: Path) -
     check_history(tmp_path, (1, "CLOSE_DISARMED"), (1, ""))
 
 
+def test_arming_at_the_last_moment_is_in_time(begin: Begin, tmp_path: Path) -> None:
+    """What was heard counts before it is durable: a flight is not cut in the air."""
+    node = begin().start()
+    fly(node)
+    node.turn(after_ms=179_700)
+    node.tell(vehicle_state(armed=True), after_ms=150)
+    node.turn(after_ms=200)
+    check_history(tmp_path, (1, ""))
+
+
 def test_a_flight_is_not_closed_while_an_outcome_is_awaited(begin: Begin, tmp_path: Path) -> None:
     """Outcomes name the seq of their effect, which means nothing in the next flight."""
     node = begin().start()

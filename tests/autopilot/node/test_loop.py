@@ -165,7 +165,7 @@ def test_a_full_disk_in_the_air_does_not_end_the_flight(node: Node) -> None:
     assert not node.inbox.offer(InputClass.ORDER, point_at_place("a1"))
     node.tell(gimbal(0, 0), input_class=InputClass.TELEMETRY)
     node.turn(after_ms=200)
-    assert node.kinds()[-2:] == ["disk_full", "gimbal_reported"]
+    assert node.kinds()[-3:] == ["disk_full", "inputs_dropped", "gimbal_reported"]
     assert node.inbox.offer(InputClass.OUTCOME, vehicle_state(armed=False))
     run_to_failure(node)
     assert node.kinds()[-2:] == ["vehicle_state_reported", "flight_closed"]
@@ -228,8 +228,32 @@ def test_a_node_that_has_nothing_to_write_takes_orders_again(node: Node) -> None
     """Without telemetry there is no next commit: a quiet second opens the door, or no order ever came again."""
     check_stalled(node)
     node.inbox.take(0, 8)
+    node.inbox.take_dropped()
     node.turn(after_ms=1000)
     assert node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
+
+
+def test_an_order_that_was_refused_is_counted_and_its_record_asks_the_disk(node: Node) -> None:
+    """Nothing else is to be written: the count itself is the next commit, and a quick one opens the door."""
+    check_stalled(node)
+    node.inbox.take(0, 8)
+    node.turn(after_ms=10)
+    assert not node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
+    node.turn(after_ms=200)
+    assert node.inbox.offer(InputClass.ORDER, point_at_place("a2"))
+    assert list(of_kind(node.log(), "inputs_dropped")) == [InputsDropped(input_class="order", count=1)]
+
+
+def test_a_flood_of_refusals_is_a_record_a_second(node: Node) -> None:
+    """Counts must not fill what is left of a disk; at the end whatever is still to be told is told."""
+    node.inbox.close_to_orders()
+    for _ in range(40):
+        node.inbox.offer(InputClass.ORDER, point_at_place("a1"))
+        node.turn(after_ms=50)
+    told = [one.count for one in of_kind(node.log(), "inputs_dropped")]
+    assert told == [1, 20]
+    node.loop._finish(node.session, Stop(CLOSE_STOPPED))
+    assert sum(one.count for one in of_kind(node.log(), "inputs_dropped")) == 40
 
 
 def test_stop_records_what_waits_and_closes_on_the_ground(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -92,3 +92,24 @@ def test_a_new_wish_forgets_the_old_measurement() -> None:
         """,
     )
     check_equal(story.flight.state.aims["1/1"].error_cdeg, None)
+
+
+def test_a_start_ends_the_measurement() -> None:
+    """Nobody measures any more, which is no miss; what had arrived or missed stays."""
+    check_chart(
+        "aim",
+        """
+        at_s | observe              | state       | why
+        0    | order a point        | 1/1 moving  | asked to look somewhere
+        1    | start                | 1/1 idle    | started again: nobody measures it any more
+        21   | start                | -           | -
+        22   | vehicle up           | -           | -
+        23   | order b turn         | 1/1 moving  | asked to look somewhere
+        24   | gimbal b error=40    | 1/1 arrived | measured within the tolerance
+        25   | start                | -           | -
+        26   | vehicle up           | -           | -
+        27   | order c turn         | 1/1 moving  | asked to look somewhere
+        37   | time                 | 1/1 missed  | not there in time
+        41   | start                | -           | -
+        """,
+    )

@@ -64,3 +64,22 @@ def test_a_restart_does_not_end_a_hold_and_an_answer_does_not_either() -> None:
         60   | time          | 1/1 automatic | -            | the hold ran out
         """,
     )
+
+
+def test_an_outage_of_unknown_length_ends_holds_and_pauses() -> None:
+    """Nobody holds a camera by an order of which nobody knows how old it is; one that is free stays free."""
+    story = check_chart(
+        "camera",
+        """
+        at_s | observe         | state         | say          | why
+        0    | order a point   | 1/1 operator  | ALPHA has it | an operator points it
+        1    | answered a 2    | -             | -            | -
+        2    | start no clock  | 1/1 automatic | -            | off for an unknown time: the hold is over
+        3    | start no clock  | -             | -            | -
+        4    | vehicle up      | -             | -            | -
+        5    | order b release | 1/1 released  | -            | an operator lets it go
+        6    | start no clock  | 1/1 automatic | -            | off for an unknown time: the pause is over
+        """,
+    )
+    check_equal(story.flight.state.cameras["1/1"].until_ns, 0)
+    check_equal(story.flight.state.waiting("camera"), ())

@@ -266,3 +266,22 @@ def test_nobody_is_asked_below_the_confidence() -> None:
     """However often it is seen."""
     table = "\n".join(f"{number} | frame person@0,0:39.99 | - | -" for number in range(30))
     check_chart("poi", f"at_s | observe | state | say\n{table}")
+
+
+def test_an_outage_of_unknown_length_ends_every_question() -> None:
+    """Asked and waiting alike; an outage that can be measured leaves them their deadlines."""
+    story = check_chart(
+        "poi",
+        """
+        at_s | observe                  | state                  | why
+        0    | frame person@0,0 car@0,0 | -                      | -
+        0    | time                     | p1 surfaced            | put to an operator
+        1    | start                    | -                      | -
+        2    | start no clock           | p1 expired, p2 expired | off for an unknown time
+        3    | start no clock           | -                      | -
+        4    | frame person@0,0         | -                      | -
+        """,
+        sightings_to_ask=1,
+        asks_per_minute=1,
+    )
+    check_equal(story.flight.state.waiting("poi"), ())
