@@ -33,6 +33,7 @@ examples:
   autopilot replay show flights/000001-1a2b3c4d --kind order_received
   autopilot replay why flights/000001-1a2b3c4d 142
   autopilot replay check flights/000001-1a2b3c4d
+  autopilot replay check flights --witness alice
 
 exit codes: 0 identical or sound, 65 the flight diverges or is damaged, 66 there is no such flight, 74 it can't be read
 """
@@ -43,7 +44,9 @@ field by field and byte for byte. A flight that is still open is verified up to 
 _CHECK = """\
 Say what state a flight's log is in, and change nothing: the WAL is read before SQLite opens the database, every record
 is held against the chain, and the end of the log against its head file. A torn tail, as a power cut leaves it, is
-sound; a missing head file is not, for then nothing tells whether records are missing at the end.
+sound; a missing head file is not, for then nothing tells whether records are missing at the end. What was signed is
+held against the log too. With the folder of all flights each one is held against the one after it as well, and with
+--witness against the newest checkpoint that an operator has kept.
 """
 _SHOW = "Print a flight's records, one a line: seconds of the flight, seq, kind, and what it says."
 _WHY = "Print what led to a record, back to the observation that it came from, and everything that it led to."
@@ -73,6 +76,8 @@ def add(commands: Any) -> None:
     one.set_defaults(run=run_why)
     one = _command(own, "check", "say what state the log is in, also where it can't be opened", _CHECK)
     one.add_argument("--json", action="store_true", help="print what was found as one JSON object")
+    witness = "with the folder of all flights: an operator's folder, whose trust root and witness are believed"
+    one.add_argument("--witness", type=Path, default=None, metavar="FOLDER", help=witness)
     one.set_defaults(run=run_check)
 
 
@@ -147,7 +152,7 @@ def run_check(args: argparse.Namespace) -> int:
     # It needs numpy, which the other commands do not wait for.
     from autopilot.cli import checking
 
-    return checking.check(folder_of(args.flight), as_json=args.json)
+    return checking.check(folder_of(args.flight), as_json=args.json, witness=args.witness)
 
 
 def run_show(args: argparse.Namespace) -> int:

@@ -13,8 +13,11 @@ from pathlib import Path
 
 from autopilot.ground.sealed import Anchor, Found, Judged, judge_flight
 from autopilot.ground.witness import Kept
+from autopilot.trust.documents import DocumentError, DocumentMalformed, Trust, verify_token
+from autopilot.trust.identity import TOKEN_FILE
 from autopilot.trust.replayed import VERDICT_FILE
-from events.store import flights_in
+from events.schema.waypoint_pb2 import PrincipalKind
+from events.store import Flight, flights_in
 
 
 def judge(root: Path, anchor: Anchor | None = None, kept: Kept | None = None) -> list[Found]:
@@ -25,6 +28,8 @@ def judge(root: Path, anchor: Anchor | None = None, kept: Kept | None = None) ->
     flights = flights_in(root)
     judged = [judge_flight(flight, anchor) for flight in flights]
     found = [one for each in judged for one in each.found]
+    for flight, each in zip(flights, judged, strict=True):
+        found += _named(flight, each)
     begun = [each for each in judged if each.leaves]  # a start that was cut short recorded nothing
     found += _first(begun)
     for before, after in pairwise(begun):
@@ -35,6 +40,31 @@ def judge(root: Path, anchor: Anchor | None = None, kept: Kept | None = None) ->
     if kept is not None:
         found += _witnessed(begun, kept)
     return sorted(found, key=lambda one: one.flight)
+
+
+def anchor_of(root: Path, trust: Trust) -> Anchor:
+    """Return whose flights these are, by the newest token beside them. Raises DocumentError where none is genuine."""
+    refused: DocumentError = DocumentMalformed(f"no flight below {root} has a token beside it")
+    for flight in reversed(flights_in(root)):
+        try:
+            token = verify_token((flight.folder / TOKEN_FILE).read_bytes(), trust)
+        except FileNotFoundError:
+            continue
+        except DocumentError as error:
+            refused = error
+            continue
+        if token.kind == PrincipalKind.NODE:
+            return Anchor(token.deployment_id, token.principal_id, token.device_sign_pk)
+        refused = DocumentMalformed(f"{token.principal_id} is no node")
+    raise refused
+
+
+def _named(flight: Flight, judged: Judged) -> Iterator[Found]:
+    """Hold a folder's name against the manifest in it."""
+    if judged.manifest is not None:
+        name = f"{judged.manifest.flight_number:06d}-{judged.manifest.flight_id.hex()[:8]}"
+        if flight.folder.name != name:
+            yield Found(flight.number, 0, 0, f"by its manifest it is {name}, and its folder is {flight.folder.name}")
 
 
 def _first(begun: Iterable[Judged]) -> Iterator[Found]:

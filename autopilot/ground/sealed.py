@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NamedTuple
 
 from google.protobuf.message import DecodeError
@@ -20,11 +21,12 @@ from events.kinds import kind_of
 from events.records import Stored
 from events.schema.flight_pb2 import FlightClosed, FlightOpened, LogKeyCertified, SealRefused
 from events.store import Flight, SqliteReader, StoreFailed
-from events.store.recovery import Action, Facts, Finding, HeadFile, examine
+from events.store.recovery import Action, Facts, Finding, HeadFile, Manifest, examine
 from events.tree import Peaks
 
 # A checkpoint is due after EVERY_RECORDS or EVERY_NS; the batch that was being committed then may be as long again.
 UNSIGNED_RECORDS, UNSIGNED_NS = 2 * EVERY_RECORDS, 2 * EVERY_NS
+_LOOKS = 4
 _OPENED, _CLOSED = kind_of(FlightOpened()).number, kind_of(FlightClosed()).number
 _CERTIFIED, _REFUSED = kind_of(LogKeyCertified()).number, kind_of(SealRefused()).number
 
@@ -41,7 +43,7 @@ class Found(NamedTuple):
     def words(self) -> str:
         """Say it in one line."""
         where = f"record {self.first}" if self.first == self.last else f"records {self.first} to {self.last}"
-        return f"flight {self.flight}, {where}: {self.because}"
+        return f"{where}: {self.because}"
 
 
 class Anchor(NamedTuple):
@@ -85,14 +87,26 @@ class Judged:
         return peaks.root()
 
 
-def judge_flight(flight: Flight, anchor: Anchor | None = None) -> Judged:
-    """Judge one flight; without an anchor the node is the one that its manifest names. Raises StoreMissing."""
-    finding = examine(flight.folder)
+def look(folder: Path) -> Finding:
+    """Examine a log that may be recorded in at this moment: it may look torn once. Raises StoreMissing."""
+    finding = examine(folder)
+    for _ in range(_LOOKS):
+        if finding.action is Action.GO_ON or finding == (again := examine(folder)):
+            break
+        finding = again
+    return finding
+
+
+def judge_flight(flight: Flight, anchor: Anchor | None = None, finding: Finding | None = None) -> Judged:
+    """Judge one flight, of which `finding` may be known already. Raises StoreMissing.
+
+    Without an anchor the node is the one that its manifest names: then all that is signed may be forged together.
+    """
+    finding = finding or look(flight.folder)
     judged = Judged(flight.number, finding.flight_id)
-    judgement = _Judgement(flight, judged)
     if finding.action is not Action.REFUSE:
         try:
-            judgement.read(finding.end.seq, anchor)
+            _Judgement(flight, judged).read(None if finding.sound else finding.end.seq + 1, anchor)
         except StoreFailed as error:
             judged.say(finding.end.seq + 1, finding.end.seq + 1, str(error))
     if not finding.sound:
@@ -104,6 +118,8 @@ def _of_examination(finding: Finding, judged: Judged) -> Found:
     facts: Facts = finding.facts
     end = finding.end.seq + 1
     seen = finding.head_file
+    if facts.manifest is Manifest.OTHER:
+        return Found(judged.number, 0, 0, finding.words())
     if facts.head_file is HeadFile.FORKED and seen is not None:
         return Found(judged.number, 0, seen.head.seq, finding.words())
     return Found(judged.number, end, end, finding.words())
@@ -118,14 +134,15 @@ class _Judgement:
         self._certificates: dict[int, str] = {}  # by the record that holds it
         self._times: list[int] = []
         self._refused = self._closed = False
+        self._sealed = False  # somebody must have signed it: it says so, or whoever asks does
 
-    def read(self, end: int, anchor: Anchor | None) -> None:
-        """Judge everything up to record `end`. Raises StoreFailed."""
+    def read(self, stop: int | None, anchor: Anchor | None) -> None:
+        """Judge everything before record `stop`. Raises StoreFailed."""
         reader = SqliteReader(self._flight.database)
         try:
-            for stored in reader.stored(0, end + 1):
+            notes = reader.checkpoints()  # first: while the flight is open, both grow
+            for stored in reader.stored(0, stop):
                 self._take(stored)
-            notes = reader.checkpoints()
         finally:
             reader.close()
         manifest = self._judged.manifest
@@ -134,9 +151,9 @@ class _Judgement:
         named = Anchor(manifest.deployment_id, manifest.node, manifest.node_public_key)
         if anchor is not None and named != anchor:
             self._judged.say(0, 0, f"its manifest names another node: {named.signer}")
-        self._check_name(manifest)
         keys = list(self._keys(anchor or named))
         self._check_checkpoints(keys, notes)
+        self._sealed = anchor is not None or bool(notes)
         self._check_end(keys)
         self._check_papers(anchor or named)
 
@@ -153,11 +170,6 @@ class _Judgement:
         self._refused = self._refused or stored.kind_number == _REFUSED
         self._closed = self._closed or stored.kind_number == _CLOSED
 
-    def _check_name(self, manifest: FlightOpened) -> None:
-        name = f"{manifest.flight_number:06d}-{manifest.flight_id.hex()[:8]}"
-        if self._flight.folder.name != name:
-            self._judged.say(0, 0, f"by its manifest it is {name}, and its folder is {self._flight.folder.name}")
-
     def _keys(self, anchor: Anchor) -> Iterator[tuple[int, LogKey]]:
         """Yield the log keys that the node has certified for this flight, each with the record that says so."""
         for seq, certificate in self._certificates.items():
@@ -166,7 +178,7 @@ class _Judgement:
             except NoteInvalid as error:
                 self._judged.say(seq, seq, f"it certifies a log key, and not for {anchor.node}: {error}")
                 continue
-            if (log_key.flight_number, log_key.flight_id) == (self._flight.number, self._judged.flight_id):
+            if (log_key.flight_number, log_key.flight_id) == (self._number, self._judged.flight_id):
                 yield seq, log_key
             else:
                 self._judged.say(seq, seq, f"it certifies the log key of flight {log_key.flight_number}")
@@ -178,7 +190,8 @@ class _Judgement:
             if peaks.size in wanted:
                 self._check_checkpoint(keys, peaks.size, wanted[peaks.size], peaks.root())
         for size in sorted(size for size in wanted if not 0 < size <= count):
-            self._judged.say(count, count, f"{size} records were signed, and the log holds {count}: it was cut")
+            because = f"{size} records were signed, and the log holds {count}: it was cut"
+            self._judged.say(self._judged.holds, count, because)
 
     def _check_checkpoint(self, keys: list[tuple[int, LogKey]], size: int, note: str, root: bytes) -> None:
         try:
@@ -197,7 +210,8 @@ class _Judgement:
         """Judge what lies behind the newest checkpoint."""
         holds, last = self._judged.holds, len(self._judged.leaves) - 1
         if not keys:
-            self._judged.say(0, last, "no key that the node vouches for has signed any of it")
+            because = "no key that the node vouches for has signed any of it"
+            self._judged.say(0, last + 1, because, wrong=self._sealed or bool(self._certificates))
         elif not self._refused and last >= holds:
             # Before the first checkpoint nothing could be signed: the time counts from the key.
             since = self._times[holds - 1] if holds else self._times[keys[0][0]]
@@ -206,6 +220,10 @@ class _Judgement:
                 self._judged.say(holds, last, "more follows the newest checkpoint than a node leaves unsigned")
             elif self._closed:
                 self._judged.say(holds, last, "the flight was closed, and its end was not signed", wrong=False)
+
+    @property
+    def _number(self) -> int:
+        return 0 if self._judged.manifest is None else self._judged.manifest.flight_number
 
     def _check_papers(self, anchor: Anchor) -> None:
         last = len(self._judged.leaves) - 1
@@ -223,7 +241,7 @@ class _Judgement:
             return
         if verdict is None:
             return
-        of_log = (f"{anchor.signer}/{self._flight.number}", self._judged.flight_id.hex())
+        of_log = (f"{anchor.signer}/{self._number}", self._judged.flight_id.hex())
         leaf = self._judged.leaves[verdict.seq].hex() if 0 <= verdict.seq <= last else ""
         if (verdict.origin, verdict.flight_id) != of_log or verdict.leaf != leaf:
             self._judged.say(0, max(verdict.seq, 0), "the verdict is about another log than this")

@@ -247,9 +247,10 @@ class _Walk:
             try:
                 self.flight_id = reader.flight_id
                 self._read(reader)
-                self._signed = max((size for size, _ in reader.checkpoints()), default=0)
                 if wrong := reader.misfit():
                     self.database, self.detail = Database.MALFORMED, wrong
+                else:
+                    self._signed = max((size for size, _ in reader.checkpoints()), default=0)
             finally:
                 reader.close()
         except StoreFailed as error:

@@ -327,7 +327,9 @@ def _checkpoints(connection: apsw.Connection) -> list[tuple[int, str]]:
     try:
         if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'checkpoint'").fetchone() is None:
             return []
-        rows: Any = connection.execute("SELECT size, note FROM checkpoint ORDER BY size")
-        return [(size, str(note)) for size, note in rows]
-    except (apsw.Error, UnicodeDecodeError) as error:
+        rows: Any = connection.execute("SELECT size, note FROM checkpoint ORDER BY size").fetchall()
+        if not all(isinstance(size, int) and isinstance(note, str) for size, note in rows):
+            raise ValueError("a column is damaged")
+        return [(size, note) for size, note in rows]
+    except (apsw.Error, ValueError) as error:
         raise StoreFailed(f"the checkpoints could not be read: {error}") from error

@@ -3,8 +3,9 @@
     run(None, seed=1, report=print)     every case; a count is that many of each area, by seed
 
 Each case is counted in one class: `found` (the log is kept, or its seals say so), `harmless` (all that can be read is
-what it was), `unchanged` (two blocks that are alike), `cut_and_say`, `go_on_and_say` (said to whoever starts or checks), `go_on` and a sound `cut_and_say` only
-where a power cut leaves the files so. SILENT, ALARM (a power cut taken for damage) and RAISED must stay at 0.
+what it was), `unchanged` (two blocks that are alike), `go_on_and_say` and `cut_and_say` (said to whoever starts or
+checks); a sound `cut_and_say` and a shorter log under `go_on` only where a power cut leaves the files so. SILENT, ALARM
+(a power cut taken for damage) and RAISED must stay at 0.
 """
 
 from __future__ import annotations
