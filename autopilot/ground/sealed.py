@@ -108,7 +108,8 @@ def judge_flight(flight: Flight, anchor: Anchor | None = None, finding: Finding 
         try:
             _Judgement(flight, judged).read(None if finding.sound else finding.end.seq + 1, anchor)
         except StoreFailed as error:
-            judged.say(finding.end.seq + 1, finding.end.seq + 1, str(error))
+            if finding.sound:
+                judged.say(finding.end.seq + 1, finding.end.seq + 1, str(error))
     if not finding.sound:
         judged.found.insert(0, _of_examination(finding, judged))
     return judged
@@ -153,6 +154,8 @@ class _Judgement:
             self._judged.say(0, 0, f"its manifest names another node: {named.signer}")
         keys = list(self._keys(anchor or named))
         self._check_checkpoints(keys, notes)
+        if stop is None:
+            self._check_sizes(notes)
         self._sealed = anchor is not None or bool(notes)
         self._check_end(keys)
         self._check_papers(anchor or named)
@@ -184,12 +187,15 @@ class _Judgement:
                 self._judged.say(seq, seq, f"it certifies the log key of flight {log_key.flight_number}")
 
     def _check_checkpoints(self, keys: list[tuple[int, LogKey]], notes: list[tuple[int, str]]) -> None:
-        peaks, count, wanted = Peaks(), len(self._judged.leaves), dict(notes)
+        peaks, wanted = Peaks(), dict(notes)
         for leaf in self._judged.leaves:
             peaks.append(leaf)
             if peaks.size in wanted:
                 self._check_checkpoint(keys, peaks.size, wanted[peaks.size], peaks.root())
-        for size in sorted(size for size in wanted if not 0 < size <= count):
+
+    def _check_sizes(self, notes: list[tuple[int, str]]) -> None:
+        count = len(self._judged.leaves)
+        for size in (size for size, _ in notes if not 0 < size <= count):
             because = f"{size} records were signed, and the log holds {count}: it was cut"
             self._judged.say(self._judged.holds, count, because)
 

@@ -42,7 +42,6 @@ class Attacker:
     skill: Skill = Skill.CRUDE
     relinked: bool = False
     logs: list[Log] = field(default_factory=list)
-    hid: bool = False  # he made records fit, as his skill is
 
     def begin(self) -> None:
         """Read everything, and draw how far to go."""
@@ -57,7 +56,7 @@ class Attacker:
 
 def _resealed(attacker: Attacker, log: Log, first: int) -> None:
     """Put a changed log back, with everything made to fit that the attacker can make fit."""
-    before, attacker.hid = Log.read(log.flight), True
+    before = Log.read(log.flight)
     sealed_anew(log, attacker.skill, attacker.keys, first, before)
     log.write(head=attacker.skill is not Skill.CRUDE)
     if not attacker.relinked:

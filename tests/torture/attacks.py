@@ -32,7 +32,7 @@ from replay.verify import verify
 from tests.autopilot.trust.world import people
 from tests.torture.attacking import KINDS, Attacker, Files, write
 from tests.torture.flying import Drone
-from tests.torture.forging import logs_in
+from tests.torture.forging import Log, logs_in
 from tests.torture.rotting import scratch
 
 FULL = 10_000
@@ -98,7 +98,7 @@ def flown(work: Path, seed: int) -> Flown:
     logs = logs_in(root)
     rows = {log.flight.number: log.rows for log in logs}
     notes = {log.flight.number: log.checkpoints for log in logs}
-    return Flown(files, rows, notes, _kept(work, drone), copies, keys)
+    return Flown(files, rows, notes, kept_by_a_witness(work, drone), copies, keys)
 
 
 def files_below(root: Path) -> Files:
@@ -107,7 +107,8 @@ def files_below(root: Path) -> Files:
     return {str(path.relative_to(root)): path.read_bytes() for path in paths if not path.name.endswith("-shm")}
 
 
-def _kept(work: Path, drone: Drone) -> list[Kept]:
+def kept_by_a_witness(work: Path, drone: Drone) -> list[Kept]:
+    """Return what a witness has kept after each status that was published."""
     wasp, found = people().wasp, []
     (work / "operator").mkdir()
     witness = Witness(work / "operator")
@@ -159,7 +160,7 @@ def changed(was: Flown, root: Path) -> tuple[Records, Papers]:
     return records, papers
 
 
-def _readable(root: Path) -> list[Any]:
+def _readable(root: Path) -> list[Log]:
     try:
         return logs_in(root)
     except OSError:
@@ -176,7 +177,7 @@ def attacked(was: Flown, root: Path, chance: Random, kind: str, counts: Counts) 
         counts.missed.append(told)
     elif not found:
         counts.unseen[kind] += 1
-        counts.unseen_by[attacker.skill.value if attacker.hid and papers else "nothing signed anew"] += 1
+        counts.unseen_by[attacker.skill.value if _signs(was, root) else "nothing signed anew"] += 1
     else:
         right = [one for one in found if _right(one, records, papers)]
         if records and not right:
@@ -187,6 +188,12 @@ def attacked(was: Flown, root: Path, chance: Random, kind: str, counts: Counts) 
         exact = any(one.first == one.last == records.get(one.flight) for one in right)
         counts.exact += exact
         counts.bracketed += bool(records) and not exact
+
+
+def _signs(was: Flown, root: Path) -> bool:
+    """Say whether there is a checkpoint that the node did not sign."""
+    genuine = {note for notes in was.notes.values() for note in notes.values()}
+    return any(note not in genuine for log in _readable(root) for note in log.checkpoints.values())
 
 
 def _behind(kept: Kept, records: Records, papers: Papers) -> bool:

@@ -52,7 +52,11 @@ def test_nothing_that_is_known_to_be_lost_is_gone_on_with() -> None:
     for combination in product(Database, Wal, Records, HeadFile, Manifest):
         facts = Facts(*combination)
         lost = facts.wal is Wal.DAMAGED or facts.records is not Records.WHOLE
-        lost = lost or facts.head_file in (HeadFile.NEWER, HeadFile.FORKED, HeadFile.SIGNED_MORE) or facts.manifest is Manifest.OTHER
+        lost = (
+            lost
+            or facts.head_file in (HeadFile.NEWER, HeadFile.FORKED, HeadFile.SIGNED_MORE)
+            or facts.manifest is Manifest.OTHER
+        )
         if facts.database is Database.FAILING:
             check_equal(action_for(facts), Action.REFUSE)
         elif lost or facts.database is Database.MALFORMED:
