@@ -97,7 +97,7 @@ def test_what_is_not_looked_at_is_silent(
 @pytest.mark.parametrize(
     ("sql", "because"),
     [
-        ("UPDATE sqlite_schema SET sql = replace(sql, 'seq INTEGER', 'seq INTEGES')", "schema"),
+        ("UPDATE sqlite_schema SET sql = replace(sql, 'seq INTEGER', 'seq INTEGES')", "malformed"),
         ("UPDATE sqlite_schema SET sql = replace(sql, 'size INTEGER', 'size INTEGES')", "schema"),
         ("UPDATE sqlite_schema SET sql = replace(sql, 'cause INTEGER', 'caust INTEGER')", "schema"),
         ("UPDATE sqlite_schema SET name = 'checkpoins', tbl_name = 'checkpoins' WHERE name = 'checkpoint'", ""),
