@@ -240,7 +240,7 @@ def _short(because: str) -> str:
 def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str, Any]:
     """Attack until `count` attacks (None: FULL) changed what a witness could know of; return what was found."""
     wanted = FULL if count is None else count
-    work = scratch(f"attacks-{seed}-{wanted}")
+    work = scratch("attacks")
     counts, kinds = Counts(), list(KINDS)
     untouched = false_alarms = done = folders = 0
     while counts.in_reach < wanted:

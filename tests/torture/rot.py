@@ -121,7 +121,7 @@ def _exchanged(name: str, whole: Whole, file: str, size: int) -> Area:
 
 def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str, Any]:
     """Try `count` cases of each area, all of them for None; return the counts of each class, and the reasons."""
-    work = scratch(f"{seed}-{count}")
+    work = scratch("rot")
     (work / "flown").mkdir()
     live, settled = recorded(work / "flown", seed)
     counts: dict[str, dict[str, int]] = {}

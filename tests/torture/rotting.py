@@ -8,11 +8,10 @@ log is opened and read whole, and held against its seals.
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import gettempdir
+from tempfile import mkdtemp
 from typing import NamedTuple
 
 import apsw
@@ -68,11 +67,8 @@ class Said(NamedTuple):
 
 
 def scratch(name: str) -> Path:
-    """Return an empty folder, in memory where the system has some."""
-    folder = (MEMORY if MEMORY.is_dir() else Path(gettempdir())) / f"rot-{name}"
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir()
-    return folder
+    """Make an empty folder, in memory where the system has some; whoever asked removes it."""
+    return Path(mkdtemp(prefix=f"{name}-", dir=MEMORY if MEMORY.is_dir() else None))
 
 
 def recorded(work: Path, seed: int = 1) -> tuple[Whole, Whole]:

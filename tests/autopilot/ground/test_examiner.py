@@ -142,6 +142,8 @@ def test_only_the_keys_of_the_node_are_believed(root: Path) -> None:
         flight_id=bytes(16),
         public_key=bytes(32),
     )
+    same_number = replace(log_key, flight_number=3)
+    same_id = replace(log_key, flight_id=genuine[2].flight_id)
     for body, because in (
         (
             encode(LogKeyCertified(certificate=sign_note("x\n", ANCHOR.signer, people().hornet.sign_key))),
@@ -149,6 +151,14 @@ def test_only_the_keys_of_the_node_are_believed(root: Path) -> None:
         ),
         (
             encode(LogKeyCertified(certificate=sign_note(log_key.text(), ANCHOR.signer, WASP.sign_key))),
+            "log key of flight 9",
+        ),
+        (
+            encode(LogKeyCertified(certificate=sign_note(same_number.text(), ANCHOR.signer, WASP.sign_key))),
+            "log key of flight 3",
+        ),
+        (
+            encode(LogKeyCertified(certificate=sign_note(same_id.text(), ANCHOR.signer, WASP.sign_key))),
             "log key of flight 9",
         ),
         (b"\xff", "can't be read"),
@@ -174,6 +184,10 @@ def test_checkpoints_are_held_to_their_key(root: Path) -> None:
         log.checkpoints = dict(genuine)
         sealed_with(log, signer, size, origin)
         check_found(root, None, (3, first, size - 1, because))
+    text = Checkpoint(f"{ANCHOR.signer}/3", least + 2, Tree(row.leaf for row in log.rows[: least + 1]).root(), 1).text()
+    log.checkpoints = {**genuine, least + 1: sign_note(text, f"{ANCHOR.signer}/3", key)}
+    log.write(head=True)
+    check_found(root, None, (3, least, least, f"first {least + 1} records are not those"))
     for size in (0, count + 1):
         log.checkpoints = {**genuine, size: genuine[least]}
         log.write(head=True)
