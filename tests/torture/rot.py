@@ -1,6 +1,6 @@
 """Bit rot, exhaustive: every byte of WAL, database and head file; every cut; blocks zeroed and exchanged.
 
-    run(None, seed=1, report=print)     every case; a count is that many of each area, by seed
+    run(None, seed=1, report=print, jobs=2)     every case; a count is that many of each area, by seed
 
 Each case is counted in one class: `found` (the log is kept, or its seals say so), `harmless` (all that can be read is
 what it was), `unchanged` (two blocks that are alike), `go_on_and_say` and `cut_and_say` (said to whoever starts or
@@ -14,6 +14,9 @@ import shutil
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from functools import partial
 from itertools import combinations
 from random import Random
 from typing import Any, NamedTuple
@@ -24,7 +27,6 @@ from events.store.head import SLOT_APART
 from tests.torture.rotting import WAL, Bench, Whole, recorded, scratch
 
 FULL = None
-BROKEN = ("SILENT", "ALARM", "RAISED")
 BLOCKS = (512, 4096)
 Change = Mapping[str, bytes | None]
 
@@ -119,24 +121,21 @@ def _exchanged(name: str, whole: Whole, file: str, size: int) -> Area:
     return Area(name, whole, len(pairs), case)
 
 
-def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str, Any]:
-    """Try `count` cases of each area, all of them for None; return the counts of each class, and the reasons."""
+def run(count: int | None, seed: int, report: Callable[[str], None], jobs: int = 1) -> dict[str, Any]:
+    """Try `count` cases of each area, all of them for None, in so many processes; return the counts and the reasons."""
     work = scratch("rot")
-    (work / "flown").mkdir()
-    live, settled = recorded(work / "flown", seed)
-    counts: dict[str, dict[str, int]] = {}
-    reasons = Counter[str]()
-    for number, area in enumerate(areas(live, settled, seed)):
-        folder = work / str(number)
-        folder.mkdir()
-        classes = _tried(area, Bench(folder, area.whole), _chosen(area.size, count, seed), reasons)
-        counts[area.name] = dict(sorted(classes.items()))
-        shutil.rmtree(folder)
-        report(f"{area.name}: {counts[area.name]}")
+    live, settled = recorded(work, seed)
     shutil.rmtree(work)
-    total = Counter[str]()
-    for classes_of in counts.values():
-        total.update(classes_of)
+    names = [area.name for area in areas(live, settled, seed)]
+    one = partial(_area, live, settled, count, seed)
+    counts: dict[str, dict[str, int]] = {}
+    total, reasons = Counter[str](), Counter[str]()
+    with ProcessPoolExecutor(jobs) if jobs > 1 else nullcontext() as pool:
+        tried = pool.map(one, range(len(names))) if pool else map(one, range(len(names)))
+        for name, (classes, because) in zip(names, tried, strict=True):
+            counts[name] = dict(sorted(classes.items()))
+            total, reasons = total + classes, reasons + because
+            report(f"{name}: {counts[name]}")
     sizes = {"wal_bytes": len(live.files[WAL]), "database_bytes": len(settled.files[DATABASE])}
     return {
         **sizes,
@@ -151,14 +150,17 @@ def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str
     }
 
 
-def _chosen(size: int, count: int | None, seed: int) -> Sequence[int]:
-    return range(size) if count is None or count >= size else sorted(Random(seed).sample(range(size), count))
-
-
-def _tried(area: Area, bench: Bench, chosen: Sequence[int], reasons: Counter[str]) -> Counter[str]:
-    classes = Counter[str]()
-    for number in chosen:
-        said = bench.said(area.case(number), expected=area.power_cut)
+def _area(live: Whole, settled: Whole, count: int | None, seed: int, number: int) -> tuple[Counter[str], Counter[str]]:
+    """Try one area in a folder of its own; return the counts of its classes and of their reasons."""
+    area, folder = list(areas(live, settled, seed))[number], scratch("rot")
+    bench, classes, reasons = Bench(folder, area.whole), Counter[str](), Counter[str]()
+    for case in _chosen(area.size, count, seed):
+        said = bench.said(area.case(case), expected=area.power_cut)
         classes[said.kind] += 1
         reasons[f"{said.kind}: {said.because}"] += 1
-    return classes
+    shutil.rmtree(folder)
+    return classes, reasons
+
+
+def _chosen(size: int, count: int | None, seed: int) -> Sequence[int]:
+    return range(size) if count is None or count >= size else sorted(Random(seed).sample(range(size), count))

@@ -27,7 +27,7 @@ from tests.torture.flying import Drone
 WAL = f"{DATABASE}-wal"
 MEMORY = Path("/dev/shm")
 # What happens before the database is settled, and after that in the live WAL.
-SETTLED_STEPS, LIVE_STEPS = 24, 10
+SETTLED_STEPS, LIVE_STEPS = 24, 4
 Files = Mapping[str, bytes]
 
 
