@@ -34,9 +34,8 @@ def judge(root: Path, anchor: Anchor | None = None, kept: Kept | None = None) ->
     found += _first(begun)
     for before, after in pairwise(begun):
         found += _link(before, after)
-    for flight in flights[:-1]:
-        if not (flight.folder / VERDICT_FILE).exists():
-            found.append(Found(flight.number, 0, 0, "it is over, and there is no verdict beside it", wrong=False))
+        if not (before.folder / VERDICT_FILE).exists():
+            found.append(Found(before.number, 0, 0, "it is over, and there is no verdict beside it", wrong=False))
     if kept is not None:
         found += _witnessed(begun, kept)
     return sorted(found, key=lambda one: one.flight)

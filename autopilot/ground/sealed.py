@@ -64,6 +64,7 @@ class Judged:
     """A flight as far as it can be read, and what was found."""
 
     number: int
+    folder: Path
     flight_id: bytes = b""
     manifest: FlightOpened | None = None
     leaves: list[bytes] = field(default_factory=list)
@@ -103,7 +104,7 @@ def judge_flight(flight: Flight, anchor: Anchor | None = None, finding: Finding 
     Without an anchor the node is the one that its manifest names: then all that is signed may be forged together.
     """
     finding = finding or look(flight.folder)
-    judged = Judged(flight.number, finding.flight_id)
+    judged = Judged(flight.number, flight.folder, finding.flight_id)
     if finding.action is not Action.REFUSE:
         try:
             _Judgement(flight, judged).read(None if finding.sound else finding.end.seq + 1, anchor)
@@ -135,7 +136,7 @@ class _Judgement:
         self._certificates: dict[int, str] = {}  # by the record that holds it
         self._times: list[int] = []
         self._refused = self._closed = False
-        self._sealed = False  # somebody must have signed it: it says so, or whoever asks does
+        self._sealed = False  # whoever asks knows a node that signs
 
     def read(self, stop: int | None, anchor: Anchor | None) -> None:
         """Judge everything before record `stop`. Raises StoreFailed."""
@@ -156,7 +157,7 @@ class _Judgement:
         self._check_checkpoints(keys, notes)
         if stop is None:
             self._check_sizes(notes)
-        self._sealed = anchor is not None or bool(notes)
+        self._sealed = anchor is not None
         self._check_end(keys)
         self._check_papers(anchor or named)
 

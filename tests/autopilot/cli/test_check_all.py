@@ -71,6 +71,14 @@ def test_flights_that_do_not_hold(root: Path, capsys: pytest.CaptureFixture[str]
     assert (plain["sound"], plain["witnessed"].startswith("flight 3, ")) == (False, True)
 
 
+def test_what_is_found_is_said_once(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """By the examination or by the seals."""
+    folder = flights_in(root)[0].folder
+    (folder / "head").unlink()
+    plain = json.loads(check_says(capsys, 65, [str(folder), "--json"]))
+    assert (plain["sound"], plain["found"], "there is no head file" in plain["words"]) == (False, [], True)
+
+
 def test_a_witness_that_can_not_be_asked(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit 64 for one flight alone, 66 where there is no such folder, 65 where nothing can be believed."""
     operator = root.parent / "operator"

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from autopilot.ground import sealed
+from autopilot.ground import examiner, sealed
 from autopilot.ground.examiner import anchor_of, judge
-from autopilot.ground.sealed import Anchor, judge_flight
+from autopilot.ground.sealed import Anchor, Judged, judge_flight
 from autopilot.ground.witness import Kept
 from autopilot.node.sealing import CERTIFICATE_FILE, KEY_FILE
 from autopilot.trust.documents import DocumentError
@@ -20,13 +20,13 @@ from autopilot.trust.keys import SignKey
 from autopilot.trust.notes import Checkpoint, LogKey, sign_note
 from autopilot.trust.replayed import VERDICT_FILE, SignedVerdict
 from events import encode
-from events.schema.flight_pb2 import FlightOpened, LogKeyCertified, SealRefused
-from events.store import flights_in
+from events.schema.flight_pb2 import CLOSE_DISARMED, FlightOpened, LogKeyCertified, SealRefused
+from events.store import create_flight, flights_in
 from events.tree import Tree
 from tests.autopilot.trust.world import people
 from tests.flights import position
 from tests.torture.attacks import kept_by_a_witness
-from tests.torture.flying import Drone
+from tests.torture.flying import Drone, nothing
 from tests.torture.forging import CERTIFIED, Log, logs_in
 
 WASP = people().wasp
@@ -116,6 +116,15 @@ def test_a_record_that_was_changed(root: Path) -> None:
     signed = [(3, sizes[1], size - 1, f"first {size} records are not those that were signed") for size in sizes[2:]]
     tail = (3, sizes[1], len(log.rows) - 1, "more follows the newest checkpoint")
     check_found(root, None, *signed, tail)
+
+
+def test_behind_a_gap_nothing_is_judged(root: Path) -> None:
+    """What follows a missing record is known to be damaged; once is enough."""
+    log = logs_in(root)[2]
+    seq = sorted(log.checkpoints)[2]
+    del log.rows[seq]
+    log.write(head=False)
+    check_found(root, None, (3, seq, seq, f"record {seq} is missing"))
 
 
 def test_a_head_file_of_another_history(root: Path) -> None:
@@ -317,6 +326,27 @@ def test_flights_that_are_gone(root: Path) -> None:
     assert judge(root, ANCHOR) == []
 
 
+@pytest.mark.parametrize(("number", "before", "told"), [(1, b"", 0), (1, b"b", 1), (2, b"", 1), (2, b"b", 1)])
+def test_what_came_before_the_first(number: int, before: bytes, told: int) -> None:
+    """A number or a name of a flight before is enough."""
+    first = Judged(number, Path(), manifest=FlightOpened(previous_flight_id=before, previous_seq=7))
+    found = list(examiner._first([first]))
+    assert [(one.flight, one.last, one.wrong) for one in found] == [(number - 1, 7, False)] * told
+
+
+def test_a_start_that_was_cut_short_is_no_flight(tmp_path: Path) -> None:
+    """Its folder holds an empty log; the next flight follows the one before it."""
+    root = tmp_path / "flights"
+    drone = Drone(root, 1)
+    drone.fly(4)
+    drone._flights.close(drone.session, CLOSE_DISARMED, nothing)
+    drone.session.store.close()
+    create_flight(root, 2, bytes(16), bytes(32))[1].close()
+    Drone(root, 2, clock=drone.clock).session.store.close()
+    assert [flight.number for flight in flights_in(root)] == [1, 2, 3]
+    check_found(root, None, (1, 0, 0, "no verdict beside it"), wrong=False)
+
+
 def test_what_a_witness_knows(root: Path, flown: tuple[Path, list[Kept]]) -> None:
     """Rolled back, forked, cut, exchanged, or without the checkpoint that was published."""
     newest = flown[1][-1]
@@ -363,6 +393,8 @@ def test_what_can_not_be_read_is_said(root: Path) -> None:
 def test_whose_flights_they_are(root: Path) -> None:
     """By the newest token that the Directory signed for a node."""
     folders = [flight.folder for flight in flights_in(root)]
+    (folders[2] / TOKEN_FILE).write_bytes(people().hornet.token_bytes)
+    assert anchor_of(root, WASP.trust).node == "hornet-02"
     (folders[2] / TOKEN_FILE).unlink()
     (folders[1] / TOKEN_FILE).write_bytes(people().alice.token_bytes)
     assert anchor_of(root, WASP.trust) == ANCHOR
