@@ -95,6 +95,7 @@ def test_a_store_writes_it_after_each_checkpoint(tmp_path: Path) -> None:
     store.add_checkpoint(5, "note")
     check_equal(read_head_file(tmp_path), HeadSeen(store.head, 2, torn=False, signed=5))
     store.add_checkpoint(4, "note")
+    check_equal(read_head_file(tmp_path), HeadSeen(store.head, 3, torn=False, signed=5))
     store.close()
     again = SqliteStore(tmp_path / "flight.db")
     again.append(batch(9, 10))
