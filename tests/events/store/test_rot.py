@@ -12,6 +12,7 @@ from pathlib import Path
 import apsw
 import pytest
 
+from events.store import SqliteReader, StoreFailed
 from events.store.head import NAME, SLOT_APART, HeadSeen, read_head_file
 from events.store.recovery import Action, Database, Finding, HeadFile, action_for, examine
 from events.store.walscan import Wal
@@ -115,12 +116,35 @@ def test_a_damaged_schema_or_side_table(wholes: tuple[Whole, Whole], tmp_path: P
     """Each is kept, with a word that says why."""
     for name, data in wholes[1].files.items():
         (tmp_path / name).write_bytes(data)
-    connection = apsw.Connection(str(tmp_path / "flight.db"))
+    rewritten(tmp_path, sql)
+    finding = examine(tmp_path)
+    check_equal((finding.action, because in finding.words()), (Action.KEEP_AND_BEGIN, True))
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "UPDATE sqlite_schema SET sql = replace(sql, 'size INTEGER', 'size INTEGES') WHERE name = 'checkpoint'",
+        "UPDATE record SET leaf = 7 WHERE seq = (SELECT max(seq) FROM record)",
+    ],
+)
+def test_a_reader_gives_nothing_of_the_wrong_type(wholes: tuple[Whole, Whole], tmp_path: Path, sql: str) -> None:
+    """Also where nobody has examined the log before."""
+    for name, data in wholes[1].files.items():
+        (tmp_path / name).write_bytes(data)
+    rewritten(tmp_path, sql)
+    reader = SqliteReader(tmp_path / "flight.db")
+    with pytest.raises(StoreFailed, match="damaged"):
+        check_equal((reader.head, reader.checkpoints()), "neither of them")
+    reader.close()
+
+
+def rewritten(folder: Path, sql: str) -> None:
+    """Change the database as rot could."""
+    connection = apsw.Connection(str(folder / "flight.db"))
     connection.execute("PRAGMA writable_schema = ON")
     connection.execute(sql)
     connection.close()
-    finding = examine(tmp_path)
-    check_equal((finding.action, because in finding.words()), (Action.KEEP_AND_BEGIN, True))
 
 
 def test_a_page_of_the_side_tables_that_lost_its_rows(wholes: tuple[Whole, Whole], tmp_path: Path) -> None:
