@@ -124,7 +124,7 @@ def test_a_damaged_schema_or_side_table(wholes: tuple[Whole, Whole], tmp_path: P
 @pytest.mark.parametrize(
     "sql",
     [
-        "UPDATE sqlite_schema SET sql = replace(sql, 'size INTEGER', 'size INTEGES') WHERE name = 'checkpoint'",
+        "UPDATE sqlite_schema SET sql = replace(sql, 'PRIMARY', 'PRIMARX') WHERE name = 'checkpoint'",
         "UPDATE record SET leaf = 7 WHERE seq = (SELECT max(seq) FROM record)",
     ],
 )
