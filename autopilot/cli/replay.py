@@ -35,6 +35,7 @@ examples:
   autopilot replay why flights/000001-1a2b3c4d 142
   autopilot replay check flights/000001-1a2b3c4d
   autopilot replay recover flights/000001-1a2b3c4d recovered
+  autopilot replay check flights --witness alice
 
 exit codes: 0 identical or sound, 65 the flight diverges or is damaged, 66 there is no such flight, 74 it can't be read
 """
@@ -45,7 +46,9 @@ field by field and byte for byte. A flight that is still open is verified up to 
 _CHECK = """\
 Say what state a flight's log is in, and change nothing: the WAL is read before SQLite opens the database, every record
 is held against the chain, and the end of the log against its head file. A torn tail, as a power cut leaves it, is
-sound; a missing head file is not, for then nothing tells whether records are missing at the end.
+sound; a missing head file is not, for then nothing tells whether records are missing at the end. What was signed is
+held against the log too. With the folder of all flights each one is held against the one after it as well, and with
+--witness against the newest checkpoint that an operator has kept.
 """
 _RECOVER = """\
 Write a copy of what holds of a damaged or torn log to a new folder, and leave the log as it is. Every record whose
@@ -81,6 +84,8 @@ def add(commands: Any) -> None:
     one.set_defaults(run=run_why)
     one = _command(own, "check", "say what state the log is in, also where it can't be opened", _CHECK)
     one.add_argument("--json", action="store_true", help="print what was found as one JSON object")
+    witness = "with the folder of all flights: an operator's folder, whose trust root and witness are believed"
+    one.add_argument("--witness", type=Path, default=None, metavar="FOLDER", help=witness)
     one.set_defaults(run=run_check)
     one = _command(own, "recover", "copy what holds of a damaged log", _RECOVER)
     one.add_argument("out", metavar="OUT", help="folder to write the copy to; it must not be there")
@@ -160,7 +165,7 @@ def run_check(args: argparse.Namespace) -> int:
     # It needs numpy, which the other commands do not wait for.
     from autopilot.cli import checking
 
-    return checking.check(folder_of(args.flight), as_json=args.json)
+    return checking.check(folder_of(args.flight), as_json=args.json, witness=args.witness)
 
 
 def run_recover(args: argparse.Namespace) -> int:

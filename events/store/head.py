@@ -1,8 +1,8 @@
 """The head file: the end of the log once more, outside the database, in two checksummed slots.
 
 It lies as `head` beside `flight.db` and is written after each commit, without fsync, the slots in turn. SQLite takes a
-WAL whose last frame has rotted for one that ends before it; what was acknowledged and is gone is seen here alone. It
-promises nothing of its own: after a power cut it may be older than the log, never newer.
+WAL whose last frame has rotted for one that ends before it; what was acknowledged and is gone is seen here alone, also
+a signed checkpoint. It promises nothing of its own: after a power cut it may be older than the log, never newer.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from events.store.protocol import Head
 NAME = "head"
 # Slots a page of flash apart: what tears one leaves the other.
 SLOT_APART = 4096
-# Magic, generation u64, seq i64, leaf 32 bytes; then the CRC-32 of these, u32. Big-endian.
-_SLOT = struct.Struct(">8sQq32s")
+# Magic, generation u64, seq i64, leaf 32 bytes, signed u64; then the CRC-32 of these, u32. Big-endian.
+_SLOT = struct.Struct(">8sQq32sQ")
 _CRC = struct.Struct(">I")
 _MAGIC = b"WPHEAD\x00\x01"
 _SLOT_BYTES = _SLOT.size + _CRC.size
@@ -32,6 +32,7 @@ class HeadSeen:
     head: Head
     generation: int  # grows by one with each commit since the file was made
     torn: bool  # one of the two slots is not whole
+    signed: int = 0  # records under the newest checkpoint, 0 where nothing was signed
 
 
 def read_head_file(folder: Path) -> HeadSeen | None:
@@ -42,16 +43,16 @@ def read_head_file(folder: Path) -> HeadSeen | None:
     whole = [slot for slot in map(_slot, slots) if slot is not None]
     if not whole:
         return None
-    generation, head = max(whole)
+    generation, head, signed = max(whole)
     # In the first generation the second slot has never been written, and is zero.
-    return HeadSeen(head, generation, torn=len(whole) < 2 and (generation > 1 or any(slots[1])))
+    return HeadSeen(head, generation, len(whole) < 2 and (generation > 1 or any(slots[1])), signed)
 
 
-def _slot(content: bytes) -> tuple[int, Head] | None:
+def _slot(content: bytes) -> tuple[int, Head, int] | None:
     if len(content) < _SLOT_BYTES or _CRC.pack(crc32(content[: _SLOT.size])) != content[_SLOT.size :]:
         return None
-    magic, generation, seq, leaf = _SLOT.unpack_from(content)
-    return (generation, Head(seq, leaf)) if magic == _MAGIC else None
+    magic, generation, seq, leaf, signed = _SLOT.unpack_from(content)
+    return (generation, Head(seq, leaf), signed) if magic == _MAGIC else None
 
 
 class HeadFile:
@@ -68,10 +69,10 @@ class HeadFile:
         if os.fstat(self._descriptor).st_size < SLOT_APART + _SLOT_BYTES:
             os.ftruncate(self._descriptor, 2 * SLOT_APART)
 
-    def write(self, head: Head) -> None:
+    def write(self, head: Head, signed: int = 0) -> None:
         """Write the slot whose turn it is. Not durable before `sync`. Raises OSError."""
         self._generation += 1
-        slot = _SLOT.pack(_MAGIC, self._generation, *head)
+        slot = _SLOT.pack(_MAGIC, self._generation, *head, signed)
         place = SLOT_APART if self._generation % 2 == 0 else 0
         os.pwrite(self._descriptor, slot + _CRC.pack(crc32(slot)), place)
 

@@ -57,6 +57,7 @@ class HeadFile(Enum):
     EQUAL = "equal"
     NEWER = "newer"  # it names a record that was durable and that the log does not hold
     FORKED = "forked"  # it names another leaf for a seq that the log holds
+    SIGNED_MORE = "signed more"  # it knows of a checkpoint that the log does not hold
 
 
 class Manifest(Enum):
@@ -107,7 +108,7 @@ _WHOLE_WAL = (Wal.ABSENT, Wal.CLEAN)
 _UNDAMAGED_WAL = (*_WHOLE_WAL, Wal.TORN)
 _BEHIND = (HeadFile.OLDER, HeadFile.EQUAL)
 _SILENT = (HeadFile.ABSENT, HeadFile.UNREADABLE)
-_LOST = (HeadFile.NEWER, HeadFile.FORKED)
+_LOST = (HeadFile.NEWER, HeadFile.FORKED, HeadFile.SIGNED_MORE)
 _OWN = (Manifest.OWN,)
 
 # Every combination of facts is in exactly one row; a test asks them all.
@@ -195,6 +196,8 @@ class Finding:
                 yield f"the head file names record {self.head_file.head.seq}: what follows {self.end.seq} is lost"
             case HeadFile.FORKED if self.head_file:
                 yield f"the head file names another leaf for record {self.head_file.head.seq}: the log was rewritten"
+            case HeadFile.SIGNED_MORE if self.head_file:
+                yield f"{self.head_file.signed} records were signed, and their checkpoint is lost"
             case _ if self.head_file and self.head_file.torn:
                 yield "one slot of the head file is torn"
 
@@ -234,6 +237,7 @@ class _Walk:
         self.flight_id = b""
         self.end = _NOTHING
         self.detail = ""
+        self._signed = 0
         self._leaf_at_head: bytes | None = FIRST_LEAF_BEFORE if self._head_seq() == -1 else None
 
     def whole(self, database: Path) -> None:
@@ -243,6 +247,10 @@ class _Walk:
             try:
                 self.flight_id = reader.flight_id
                 self._read(reader)
+                if wrong := reader.misfit():
+                    self.database, self.detail = Database.MALFORMED, wrong
+                else:
+                    self._signed = max((size for size, _ in reader.checkpoints()), default=0)
             finally:
                 reader.close()
         except StoreFailed as error:
@@ -282,6 +290,8 @@ class _Walk:
             return HeadFile.NEWER
         if self.head_file.head.leaf != self._leaf_at_head:
             return HeadFile.FORKED
+        if self.head_file.signed > self._signed:
+            return HeadFile.SIGNED_MORE
         return HeadFile.EQUAL if self.head_file.head.seq == self.end.seq else HeadFile.OLDER
 
 

@@ -15,11 +15,12 @@ from typing import Any
 
 import apsw
 
-from events.chain import FIRST_LEAF_BEFORE, Chain
+from events.chain import FIRST_LEAF_BEFORE, FLIGHT_ID_BYTES, SECRET_BYTES, Chain
 from events.records import Moment, Record, Stored
 from events.store.head import HeadFile
 from events.store.protocol import Head, StoreFailed, StoreMissing
 from events.store.reserve import Reserve
+from events.store.structure import misfit
 
 # The WAL-reset race (3.7.0 to 3.51.2) corrupts a database that has two connections, and readers have their own.
 OLDEST_SQLITE = 3_051_003
@@ -84,6 +85,13 @@ class SqliteReader:
         """Return size and signed note of every checkpoint, oldest first."""
         return _checkpoints(self._connection)
 
+    def misfit(self) -> str:
+        """Return what is wrong with the file beside its records, "" where nothing is. Raises StoreFailed."""
+        try:
+            return misfit(self._connection, _SCHEMA + _CHECKPOINTS)
+        except (apsw.Error, UnicodeDecodeError) as error:
+            raise StoreFailed(f"the log could not be read: {error}") from error
+
     def close(self) -> None:
         """Close the connection."""
         self._connection.close()
@@ -106,6 +114,7 @@ class SqliteStore:
             self.flight_id, self.secret = _identity(self._connection)
             self._connection.execute(_CHECKPOINTS)
             self.head = _head(self._connection)
+            self._signed = max((size for size, _ in _checkpoints(self._connection)), default=0)
             self._head_file = HeadFile(path.parent)
         self._reserve = Reserve(path.parent)
         self._chain = Chain(self.flight_id, self.secret, self.head.leaf)
@@ -169,6 +178,8 @@ class SqliteStore:
         except apsw.Error as error:
             self._broken = True
             raise StoreFailed(f"a checkpoint could not be written: {error}") from error
+        self._signed = max(self._signed, size)
+        self._write_head()
 
     def idle(self) -> None:
         """Move the WAL into the database when it has grown."""
@@ -202,7 +213,7 @@ class SqliteStore:
 
     def _write_head(self) -> None:
         try:
-            self._head_file.write(self.head)
+            self._head_file.write(self.head, self._signed)
         except OSError as error:
             self._broken = True
             raise StoreFailed(f"the head file could not be written: {error}") from error
@@ -283,24 +294,32 @@ def _identity(connection: apsw.Connection) -> tuple[bytes, bytes]:
     try:
         rows: Any = connection.execute("SELECT value FROM meta WHERE name IN ('flight_id', 'secret') ORDER BY name")
         (flight_id,), (secret,) = rows.fetchall()
+        if (_length(flight_id), _length(secret)) != (FLIGHT_ID_BYTES, SECRET_BYTES):
+            raise ValueError("its id or its secret is damaged")
         return flight_id, secret
     except (apsw.Error, ValueError) as error:
         raise StoreFailed(f"this is not the log of a flight: {error}") from error
 
 
+def _length(value: object) -> int:
+    return len(value) if isinstance(value, bytes) else -1
+
+
 def _head(connection: apsw.Connection) -> Head:
     try:
         row = connection.execute("SELECT seq, leaf FROM record ORDER BY seq DESC LIMIT 1").fetchone()
-    except apsw.Error as error:
+        if row is not None and not isinstance(row[1], bytes):
+            raise ValueError("its last leaf is damaged")
+    except (apsw.Error, ValueError) as error:
         raise StoreFailed(f"the log could not be read: {error}") from error
-    return Head(-1, FIRST_LEAF_BEFORE) if row is None else Head(row[0], bytes(row[1]))
+    return Head(-1, FIRST_LEAF_BEFORE) if row is None else Head(row[0], row[1])
 
 
 def _stored(connection: apsw.Connection, start: int, stop: int | None) -> Iterator[Stored]:
     try:
         for row in connection.execute(_SELECT, (start, _END if stop is None else stop)):
             yield Stored(row[0], row[1], Moment(*row[2:7]), row[7], row[8], row[9], row[10])
-    except apsw.Error as error:
+    except (apsw.Error, UnicodeDecodeError) as error:
         raise StoreFailed(f"the log could not be read: {error}") from error
 
 
@@ -308,7 +327,9 @@ def _checkpoints(connection: apsw.Connection) -> list[tuple[int, str]]:
     try:
         if connection.execute("SELECT 1 FROM sqlite_schema WHERE name = 'checkpoint'").fetchone() is None:
             return []
-        rows: Any = connection.execute("SELECT size, note FROM checkpoint ORDER BY size")
+        rows: Any = connection.execute("SELECT size, note FROM checkpoint ORDER BY size").fetchall()
+        if not all(isinstance(size, int) and isinstance(note, str) for size, note in rows):
+            raise ValueError("a column is damaged")
         return [(size, note) for size, note in rows]
-    except apsw.Error as error:
+    except (apsw.Error, ValueError) as error:
         raise StoreFailed(f"the checkpoints could not be read: {error}") from error

@@ -151,11 +151,6 @@ def test_an_outage_that_nobody_can_measure_frees_the_camera(begin: Begin, clock:
         outage_unbounded="the wall clock went back",
         logic=LOGIC,
         software="0.1.0",
-        start=2,
-        outage_ns=0,
-        outage_unbounded="the wall clock went back",
-        logic=LOGIC,
-        software="0.1.0",
     )
     assert started.at.flight_ns == node.log()[started.seq - 1].at.flight_ns
     assert again.session.state.cameras["1/1"].state == "automatic"

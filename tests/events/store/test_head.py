@@ -12,7 +12,7 @@ from events.store.protocol import Head
 from tests.checks import check_equal
 from tests.events.store.test_contract import FLIGHT_ID, SECRET, batch
 
-SLOT_BYTES = 60
+SLOT_BYTES = 68
 
 
 def head(number: int) -> Head:
@@ -85,4 +85,19 @@ def test_a_store_writes_it_after_each_commit(tmp_path: Path) -> None:
     store.close()
     again = SqliteStore(tmp_path / "flight.db")
     check_equal(read_head_file(tmp_path), HeadSeen(again.head, 4, torn=False))
+    again.close()
+
+
+def test_a_store_writes_it_after_each_checkpoint(tmp_path: Path) -> None:
+    """How much was signed is known there too, over several openings, and never gets less."""
+    store = SqliteStore.create(tmp_path / "flight.db", FLIGHT_ID, SECRET)
+    store.append(batch(0, 9))
+    store.add_checkpoint(5, "note")
+    check_equal(read_head_file(tmp_path), HeadSeen(store.head, 2, torn=False, signed=5))
+    store.add_checkpoint(4, "note")
+    check_equal(read_head_file(tmp_path), HeadSeen(store.head, 3, torn=False, signed=5))
+    store.close()
+    again = SqliteStore(tmp_path / "flight.db")
+    again.append(batch(9, 10))
+    check_equal(read_head_file(tmp_path), HeadSeen(again.head, 4, torn=False, signed=5))
     again.close()

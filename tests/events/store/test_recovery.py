@@ -52,7 +52,11 @@ def test_nothing_that_is_known_to_be_lost_is_gone_on_with() -> None:
     for combination in product(Database, Wal, Records, HeadFile, Manifest):
         facts = Facts(*combination)
         lost = facts.wal is Wal.DAMAGED or facts.records is not Records.WHOLE
-        lost = lost or facts.head_file in (HeadFile.NEWER, HeadFile.FORKED) or facts.manifest is Manifest.OTHER
+        lost = (
+            lost
+            or facts.head_file in (HeadFile.NEWER, HeadFile.FORKED, HeadFile.SIGNED_MORE)
+            or facts.manifest is Manifest.OTHER
+        )
         if facts.database is Database.FAILING:
             check_equal(action_for(facts), Action.REFUSE)
         elif lost or facts.database is Database.MALFORMED:
@@ -183,7 +187,9 @@ def test_a_log_that_somebody_changed(recorded: Path, tmp_path: Path) -> None:
             ("DELETE FROM record WHERE seq > 9", 9, "what follows 9 is lost"),
             ("DELETE FROM record WHERE seq = 4", 3, "record 4 is missing"),
             ("DELETE FROM record", -1, "no record can be read"),
-            ("UPDATE meta SET value = x'11' WHERE name = 'flight_id'", -1, "record 0"),
+            ("UPDATE meta SET value = x'11' WHERE name = 'flight_id'", -1, "its id or its secret is damaged"),
+            ("UPDATE meta SET value = value || x'00' WHERE name = 'secret'", -1, "its id or its secret is damaged"),
+            ("UPDATE meta SET value = zeroblob(16) WHERE name = 'flight_id'", -1, "record 0"),
             ("UPDATE record SET cause = 'x' WHERE seq = 2", 1, "record 2: a column does not fit"),
             ("DROP TABLE meta", -1, "not the log of a flight"),
         ]
