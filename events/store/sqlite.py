@@ -85,8 +85,8 @@ class SqliteReader:
         return _checkpoints(self._connection)
 
     def close(self) -> None:
-        """Close the connection."""
-        self._connection.close()
+        """Close the connection. Raises StoreFailed."""
+        _close(self._connection)
 
 
 class SqliteStore:
@@ -106,7 +106,7 @@ class SqliteStore:
             self.flight_id, self.secret = _identity(self._connection)
             self._connection.execute(_CHECKPOINTS)
             self.head = _head(self._connection)
-            self._head_file = HeadFile(path.parent)
+            self._head_file = self._open_head_file(path.parent)
         self._reserve = Reserve(path.parent)
         self._chain = Chain(self.flight_id, self.secret, self.head.leaf)
 
@@ -177,12 +177,11 @@ class SqliteStore:
 
     def close(self) -> None:
         """Close the connection; SQLite moves the WAL into the database. Raises StoreFailed."""
-        self._connection.close()
-        self._reserve.release()
+        self._reserve.release()  # before the WAL is moved, which takes space
         try:
-            self._head_file.close()
-        except OSError as error:
-            raise StoreFailed(f"the head file could not be written: {error}") from error
+            _close(self._connection)
+        finally:
+            self._close_head_file()
 
     @property
     def reserve_spent(self) -> bool:
@@ -200,11 +199,26 @@ class SqliteStore:
             with self._connection:
                 self._connection.executemany(statement, rows)
 
+    def _open_head_file(self, folder: Path) -> HeadFile:
+        """Return the head file. A new one gets its name for good: else a power cut could take it, hours later too."""
+        head_file = HeadFile(folder)
+        if head_file.fresh:
+            head_file.write(self.head)
+            head_file.sync()
+            sync_folder(folder)
+        return head_file
+
     def _write_head(self) -> None:
         try:
             self._head_file.write(self.head)
         except OSError as error:
             self._broken = True
+            raise StoreFailed(f"the head file could not be written: {error}") from error
+
+    def _close_head_file(self) -> None:
+        try:
+            self._head_file.close()
+        except OSError as error:
             raise StoreFailed(f"the head file could not be written: {error}") from error
 
     def _begin_wal_anew(self) -> None:
@@ -255,12 +269,19 @@ def _opening(connection: apsw.Connection, path: Path) -> Iterator[None]:
     """Let go of the file where opening it goes wrong, and say so. Raises StoreFailed."""
     try:
         yield
-    except StoreFailed:
-        connection.close()
-        raise
     except (apsw.Error, OSError) as error:
-        connection.close()
+        with suppress(StoreFailed):
+            _close(connection)
+        if isinstance(error, StoreFailed):
+            raise
         raise StoreFailed(f"{path}: {error}") from error
+
+
+def _close(connection: apsw.Connection) -> None:
+    try:
+        connection.close()
+    except apsw.Error as error:
+        raise StoreFailed(f"the log could not be closed: {error}") from error
 
 
 def sync_folder(folder: Path) -> None:
