@@ -14,8 +14,6 @@ from tests.disk.model import Disk
 
 SECTORS = (512, 4096)
 _ALL = 1 << 60
-# Of a disk that tears inside a sector; most do not, so it is asked for by itself.
-TORN = "torn"
 
 
 @dataclass(slots=True)
@@ -101,15 +99,16 @@ def anything(_disk: Disk, chance: Random, sector: int, zeros: bool) -> Chosen:
     return Chosen(sector, zeros, chance=chance)
 
 
-_FIRST: tuple[Way, ...] = (nothing, everything)
-_THEN: tuple[Way, ...] = (anything, prefix, anything, without, anything, alone)
+_WAYS: tuple[Way, ...] = (anything, prefix, anything, without, anything, alone)
 
 
 def cuts_of(disk: Disk, chance: Random, *, tearing: bool) -> Iterator[Chosen]:
-    """Yield choices for ever, the ends first; `tearing`: a sector too may be torn."""
-    for way in _FIRST:
-        yield way(disk, chance, SECTORS[0], False)
-    ways = (*_THEN, torn, torn) if tearing else _THEN
+    """Yield choices for ever, the ends first; one where nothing is on its way. `tearing`: a sector too may be torn."""
+    yield nothing(disk, chance, SECTORS[0], False)
+    if not disk.pending():
+        return
+    yield everything(disk, chance, SECTORS[0], False)
+    ways = (*_WAYS, torn, torn) if tearing else _WAYS
     while True:
         for way in ways:
             yield way(disk, chance, chance.choice(SECTORS), chance.randrange(4) == 0)

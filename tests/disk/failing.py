@@ -10,13 +10,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
-from shutil import rmtree
 
 from events.store import StoreFailed
 from tests.autopilot.node.nodes import FakeClock, vehicle_state
 from tests.disk.cuts import everything, nothing
 from tests.disk.lives import Life, folder, land, live, small, witnessed
-from tests.disk.model import Disk, Image, Op, write_out
+from tests.disk.model import Disk, Op, write_out
 from tests.disk.promises import Promise, Promised, broken
 from tests.disk.recovery import start_on
 from tests.disk.seams import meeting
@@ -82,8 +81,7 @@ def run(at: int, *, stays: bool = False) -> Run:
 
 def _end_of(place: Path, watch: FailingDisk, lives: list[Life]) -> tuple[str, list[str]]:
     try:
-        for life in _fly(place, watch):
-            lives.append(life)
+        lives.extend(_fly(place, watch))
     except StoreFailed:
         return ENDED, [AFTER] if len(watch.promised) > watch.before else []
     except Exception as error:  # noqa: BLE001 - whatever it is, it is what is looked for

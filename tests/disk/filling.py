@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from autopilot.node.loop import Stop
 from events.records import read_record
+from events.schema.flight_pb2 import CloseReason, FlightClosed
 from events.store import StoreFailed, flights_in, read_flight
 from tests.autopilot.node.nodes import FakeClock, vehicle_state
 from tests.disk.lives import Life, folder, live, witnessed
@@ -20,12 +20,13 @@ from tests.disk.model import Do, Op
 from tests.disk.promises import Promise, Promised, broken
 from tests.disk.recovery import start_on
 from tests.disk.seams import meeting
+from tests.flights import position
 
 BLOCK = 4096
-LANDED, STOPPED = "landed", "stopped"
+# How a flight ends: some time after landing; by a stop on the ground; and landed on a disk that was full in the air.
+WAYS = LANDED, STOPPED, ALOFT = "landed", "stopped", "aloft"
 NOT_CLOSED = "the flight has no end"
 NOT_SEALED = "the end of the flight is not signed"
-UNSAID = "the flight has no end, and nobody said so"
 
 
 @dataclass(slots=True)
@@ -79,7 +80,13 @@ class Ending:
     said: str  # the failure; "" where there was none
     lowest: int
     closed: str  # the reason that the log gives; "" where it has no end
+    signed: bool  # all of it
     broken: tuple[str, ...]
+
+    @property
+    def whole(self) -> bool:
+        """The flight has its end, and the end is signed."""
+        return bool(self.closed) and self.signed
 
 
 def end(how: str, free: int, *, reserved: bool, bounded: bool = True) -> Ending:
@@ -87,42 +94,57 @@ def end(how: str, free: int, *, reserved: bool, bounded: bool = True) -> Ending:
     promises: list[Promise] = []
     space = Space(reserved, bounded)
     with folder() as root, witnessed(promises.append), meeting(root, space):
-        life = Life(root, FakeClock(), chance := Random("a full disk"), promises.append, "one").start()
-        live(life, chance, [1, 2, 3])
-        life.tell(*life.outcomes("vehicle", "mesh"), after_ms=30)
-        life.tell(*life.outcomes("mesh"), after_ms=30)
-        life.tell(vehicle_state(armed=False), after_ms=30)
-        life.turn(200)
-        space.free = free
-        said = _end(life, how)
+        life = Life(root, FakeClock(), Random("a full disk"), promises.append, "one").start()
+        said = _fly(life, space, how, free)
         space.free = None
         life.let_go()
-        closed, found = _judged(root, said, reserved=reserved)
+        closed, signed = _last(root)
+        found = _judged(said, closed, signed=signed, reserved=reserved)
         promised = Promised()
         for promise in promises:
             promised.add(promise)
         found += broken(promised, start_on(root))
-    return Ending(said, space.lowest, closed, tuple(found))
+    return Ending(said, space.lowest, closed, signed, tuple(found))
 
 
-def _end(life: Life, how: str) -> str:
+def _fly(life: Life, space: Space, how: str, free: int) -> str:
+    """Fly and end the flight, the disk filled on the way; return how the node failed, "" where it did not."""
+    live(life, life.random, [1, 2, 3])
+    life.tell(*life.outcomes("vehicle", "mesh"), after_ms=30)
+    life.tell(*life.outcomes("mesh"), after_ms=30)
     try:
-        if how == LANDED:
+        if how == ALOFT:
+            space.free = free
+            for seen in range(20):
+                life.tell(position(100 * seen, 200), after_ms=110)
+        life.tell(vehicle_state(armed=False), after_ms=30)
+        life.turn(200)
+        if how != ALOFT:
+            space.free = free
+        if how == STOPPED:
+            life.stop()
+        else:
             life.turn(6_000)
             life.turn(200)
-        else:
-            life.loop._finish(life.session, Stop())
     except StoreFailed as error:
         return str(error)
     return ""
 
 
-def _judged(root: Path, said: str, *, reserved: bool) -> tuple[str, list[str]]:
-    """Return why the first flight ended, and what is wrong with its end."""
+def _last(root: Path) -> tuple[str, bool]:
+    """Return why the first flight ended, "" where it has no end, and whether all of it is signed."""
     reader = read_flight(flights_in(root)[0].folder)
-    last = [read_record(stored) for stored in reader.stored(reader.head.seq)][0]
+    (last,) = map(read_record, reader.stored(reader.head.seq))
     signed = reader.checkpoints()[-1][0] == reader.head.seq + 1
     reader.close()
-    if last.kind.name != "flight_closed":
-        return "", [NOT_CLOSED] if reserved else [] if said else [UNSAID]
-    return str(last.message), [] if signed or (said and not reserved) else [NOT_SEALED]
+    message = last.message
+    return CloseReason.Name(message.reason) if isinstance(message, FlightClosed) else "", signed
+
+
+def _judged(said: str, closed: str, *, signed: bool, reserved: bool) -> list[str]:
+    """Return what is wrong with an end. With space reserved it is whole; without, it is whole or the node says so."""
+    if not closed and (reserved or not said):
+        return [NOT_CLOSED]
+    if closed and not signed and (reserved or not said):
+        return [NOT_SEALED]
+    return []

@@ -92,9 +92,7 @@ class Life:
     def __post_init__(self) -> None:
         """Make the loop; nothing is opened yet."""
         sealer = Sealer(people().wasp, self.clock, self.random.randbytes)
-        self.flights = Flights(
-            self.root, identity(self.boot_id, settings()), self.clock, self.random.randbytes, sealer
-        )
+        self.flights = Flights(self.root, identity(self.boot_id, settings()), self.clock, self.random.randbytes, sealer)
         self.inbox = PatientInbox(settings().limits, self.clock)
         self.loop = self.loop_of(
             self.flights,
@@ -143,8 +141,8 @@ class Life:
     def outcomes(self, *ports: str, newest: int | None = None) -> list[Message]:
         """Return a good outcome of what was performed on these ports, or of the newest alone; more than once, too."""
         asked = [record for record in self.performed if record.kind.port in ports]
-        answers = {"vehicle": answered, "mesh": published}
-        return [answers[record.kind.port](record.seq) for record in asked[-(newest or len(asked) or 1) :]]
+        seqs = [(record.kind.port, record.seq) for record in asked[-(newest or len(asked) or 1) :]]
+        return [answered(seq) if port == "vehicle" else published(seq) for port, seq in seqs]
 
     def _perform(self, record: Record) -> None:
         self.performed.append(record)
@@ -172,10 +170,8 @@ def live(life: Life, chance: Random, orders: Sequence[int]) -> None:
 
 
 def land(life: Life, chance: Random) -> None:
-    """Disarm and wait until the flight is over and the next one has begun; some outcomes come, some never."""
-    if chance.random() < 0.8:
-        life.tell(*life.outcomes("vehicle"), after_ms=30)
-        life.tell(*life.outcomes("mesh"), after_ms=30)
-    life.tell(vehicle_state(armed=False), after_ms=40)
-    for _ in range(3):
-        life.turn(after_ms=chance.choice([2_600, 6_000]))
+    """Disarm and wait until the flight is over and the next one has begun; sometimes an outcome never comes."""
+    answered_all = chance.random() < 0.8
+    life.tell(*life.outcomes("vehicle"), vehicle_state(armed=False), after_ms=40)
+    for _ in range(4):
+        life.tell(*(life.outcomes("mesh") if answered_all else ()), after_ms=chance.choice([1_300, 2_600]))

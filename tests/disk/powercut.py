@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -13,7 +12,7 @@ from shutil import rmtree
 from tests.disk.cuts import cuts_of
 from tests.disk.lives import folder
 from tests.disk.model import Disk, Image, Op, digest, write_out
-from tests.disk.promises import ALARM, Outcome, Promised, broken
+from tests.disk.promises import Outcome, Promised, broken
 from tests.disk.recovery import start_on
 from tests.disk.trace import Setting, Trace, record
 
@@ -71,7 +70,7 @@ class _Life:
         self.tally.points += 1
         seen: set[bytes] = set()
         choices = cuts_of(disk, self.chance, tearing=self.tearing)
-        for choice in islice(choices, states * DRAWS if disk.pending() else 1):
+        for choice in islice(choices, states * DRAWS):
             image = disk.after(choice)
             told = digest(image)
             if told in seen:
@@ -121,10 +120,12 @@ def _second(seed: int, tearing: bool) -> Trace:
     first, chance = record(seed - 1), Random(f"second {seed}")
     at = chance.randrange(len(first.entries))
     disk, promised = Disk(first.base), first.before.copy()
-    for entry in first.entries[:at]:
+    for number, entry in enumerate(first.entries):
         if isinstance(entry, Op):
+            if number > at and len(disk.pending()) > 1:
+                break
             disk.do(entry)
         else:
             promised.add(entry)
-    image = next(islice(cuts_of(disk, chance, tearing=tearing), 2 if not disk.pending() else 5, None))
-    return record(seed, base=disk.after(image), before=promised)
+    *_, cut = islice(cuts_of(disk, chance, tearing=tearing), 2, 6)
+    return record(seed, base=disk.after(cut), before=promised)

@@ -13,8 +13,8 @@ from unittest.mock import patch
 
 from autopilot.node import flights as flights_module
 from events.chain import Chain, ChainBroken
-from events.store import StoreFailed, flights_in, read_flight
-from events.store.recovery import Finding
+from events.store import flights_in, read_flight
+from events.store.recovery import Finding, examine
 from tests.autopilot.node.nodes import FakeClock, heard_vehicle
 from tests.disk.lives import ORDERS, Life, order, small
 from tests.disk.promises import Outcome, Performed, Promise, Sealed, print_of
@@ -40,8 +40,6 @@ def start_on(root: Path) -> Outcome:
 
 
 def _examining(findings: list[Finding]) -> Callable[[Path], Finding]:
-    examine = flights_module.examine
-
     def examined(folder: Path) -> Finding:
         findings.append(examine(folder))
         return findings[-1]

@@ -93,43 +93,43 @@ class _Calls:
     def open(self, path: Any, flags: int, mode: int = 0o777, **more: Any) -> int:
         made = flags & os.O_CREAT and not os.path.exists(path)
         self._seam.see(Do.CREATE if made else Do.OPEN, path)
-        return _REAL["open"](path, flags, mode, **more)
+        return int(_REAL["open"](path, flags, mode, **more))
 
     def pwrite(self, descriptor: int, data: bytes, offset: int) -> int:
         self._seam.see(Do.WRITE, descriptor, offset, bytes(data))
-        return _REAL["pwrite"](descriptor, data, offset)
+        return int(_REAL["pwrite"](descriptor, data, offset))
 
     def ftruncate(self, descriptor: int, length: int) -> None:
         self._seam.see(Do.SIZE, descriptor, length)
-        return _REAL["ftruncate"](descriptor, length)
+        _REAL["ftruncate"](descriptor, length)
 
     def posix_fallocate(self, descriptor: int, offset: int, length: int) -> None:
         self._seam.see(Do.GROW, descriptor, offset + length)
-        return _REAL["posix_fallocate"](descriptor, offset, length)
+        _REAL["posix_fallocate"](descriptor, offset, length)
 
     def fsync(self, descriptor: int) -> None:
         self._seam.catch_up(descriptor)
         folder = os.path.isdir(f"/proc/self/fd/{descriptor}")
         self._seam.see(Do.SYNC_FOLDER if folder else Do.SYNC, descriptor)
-        return _REAL["fsync"](descriptor)
+        _REAL["fsync"](descriptor)
 
     def mkdir(self, path: Any, *arguments: Any, **more: Any) -> None:
         if not os.path.isdir(path):
             self._seam.see(Do.FOLDER, path)
-        return _REAL["mkdir"](path, *arguments, **more)
+        _REAL["mkdir"](path, *arguments, **more)
 
     def unlink(self, path: Any, **more: Any) -> None:
         if os.path.lexists(path):
             self._seam.see(Do.DELETE, path)
-        return _REAL["unlink"](path, **more)
+        _REAL["unlink"](path, **more)
 
     def rename(self, path: Any, target: Any, **more: Any) -> None:
         self._seam.see(Do.RENAME, path, target=target)
-        return _REAL["rename"](path, target, **more)
+        _REAL["rename"](path, target, **more)
 
     def replace(self, path: Any, target: Any, **more: Any) -> None:
         self._seam.see(Do.RENAME, path, target=target)
-        return _REAL["replace"](path, target, **more)
+        _REAL["replace"](path, target, **more)
 
 
 _PATCHED = ("open", "pwrite", "ftruncate", "posix_fallocate", "fsync", "mkdir", "unlink", "rename", "replace")
@@ -152,7 +152,7 @@ def _opener(seam: _Seam) -> Callable[..., Any]:
     return opened
 
 
-class _Vfs(apsw.VFS):  # type: ignore[misc]
+class _Vfs(apsw.VFS):
     """SQLite's way to the disk while it is the default. It outlives every connection that began with it."""
 
     name = "watched"
@@ -178,7 +178,7 @@ def _vfs() -> _Vfs:
     return _Vfs()
 
 
-class _VfsFile(apsw.VFSFile):  # type: ignore[misc]
+class _VfsFile(apsw.VFSFile):
     """One file of SQLite's."""
 
     def __init__(self, seam: _Seam, path: str, name: Any, flags: list[int]) -> None:

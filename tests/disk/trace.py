@@ -53,7 +53,9 @@ class _Script:
         return Life(self.root, self.clock, self.chance, self.entries.append, boot_id, self.setting.loop_of)
 
 
-def record(seed: int, setting: Setting | None = None, base: Image | None = None, before: Promised | None = None) -> Trace:
+def record(
+    seed: int, setting: Setting | None = None, base: Image | None = None, before: Promised | None = None
+) -> Trace:
     """Live a life on what is there, and write it down."""
     trace = Trace(base or {}, before or Promised(), [])
     setting = setting or Setting()
