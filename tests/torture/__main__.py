@@ -56,7 +56,7 @@ def _torture(name: str, count: int | None, seed: int | None) -> None:
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / f"{name}.json"
     path.write_text(text, encoding="utf-8")
-    print(f"{name} held; see {path.relative_to(REPO)}", flush=True)
+    print(f"{name} held; see {path}", flush=True)
 
 
 def _commit() -> str:
