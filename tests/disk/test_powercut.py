@@ -7,6 +7,7 @@ import pytest
 from autopilot.node.flights import Session
 from autopilot.node.loop import NodeLoop
 from events.kinds import Role
+from events.store.recovery import Action
 from tests.disk.powercut import Tally, cut_life
 from tests.disk.promises import LOST, UNRECORDED, UNSEALED
 from tests.disk.trace import NORMAL, Setting
@@ -41,6 +42,7 @@ def test_nothing_is_lost_and_nothing_is_done_twice() -> None:
     assert min(found["acknowledged_records_looked_for"], found["of_these_class_sync"], found["effects_looked_for"]) > 0
     assert {name: found[name] for name in powercut._COUNTS} == dict.fromkeys(powercut._COUNTS, 0)
     assert {word.partition(" ")[0] for word in found["classified"]} == {"go", "cut", "pass", "there"}
+    assert Action.GO_ON_AND_SAY.value not in found["classified"]  # the head file is there whatever is lost
 
 
 def test_a_recovery_that_is_cut_is_recovered_from() -> None:
