@@ -111,7 +111,7 @@ class File:
                     continue
                 if number <= versions[piece.offset // cut.sector]:
                     _apply(content, piece)
-            if (arrived := cut.torn(number)) is not None and cut_short_at is None:
+            if (arrived := cut.torn(number)) is not None:
                 _apply(content, op._replace(data=op.data[:arrived]))
             end = op.offset + len(op.data)
             if cut.zeros and cut_short_at is None and end > len(content):

@@ -110,6 +110,35 @@ def test_nothing_arrives_before_the_cut_that_was_before_it() -> None:
     check_equal(found, {b"old-old-", b"", b"new"})
 
 
+@pytest.mark.parametrize(
+    ("cut", "expected"),
+    [
+        (Chosen(4, False, missing=1), b"\0\0\0\0cccc"),
+        (Chosen(4, False, missing=2), b"aaaacccc"),
+        (Chosen(4, False, missing=3), b"bbaa"),
+        (Chosen(4, False, alone=1), b"aaaa"),
+        (Chosen(4, False, alone=2), b"bbaa"),
+        (Chosen(4, False, alone=3), b"\0\0\0\0cccc"),
+    ],
+)
+def test_one_write_is_lost_or_arrives_alone(cut: Chosen, expected: bytes) -> None:
+    """With a sector comes what was in it before; what came later into a sector that was lost is lost too."""
+    check_equal(left(disk_of(write(b"aaaa"), write(b"bb"), write(b"cccc", 4)), cut), expected)
+
+
+def test_sizes_arrive_in_their_order() -> None:
+    """A later size without the one before it, or growth for a write that waits for it, was never there."""
+    disk = disk_of(write(b"aaaaaaaa"), Op(Do.SYNC, A), Op(Do.SIZE, A, 2), Op(Do.SIZE, A, 6), write(b"b", 9))
+    found = {disk.after(anything(disk, Random(seed), 4, seed % 2 == 0))[A] for seed in range(200)}
+    check_equal(found, {b"a" * 8, b"aa", b"aa" + bytes(4), b"aa" + bytes(8), b"aa" + bytes(7) + b"b"})
+
+
+def test_making_a_file_that_is_there_changes_nothing() -> None:
+    """It keeps its content, and what is written goes on from there."""
+    disk = disk_of(write(b"x"), Op(Do.CREATE, A), write(b"y", 1))
+    check_equal(left(disk, Chosen(512, False)), b"xy")
+
+
 def test_a_file_may_have_grown_for_nothing() -> None:
     """Blocks that were given to it and not written are zero."""
     disk = disk_of(write(b"abc"))

@@ -36,10 +36,10 @@ def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str
     wanted, total = count or STATES, Tally()
     for tally in _tallies(seed, sample=wanted <= SAMPLE):
         total.add(tally)
-        report(f"{total.lives} lives, {total.states} states, {total.images} images")
+        assert not total.broken, f"{dict(total.broken)}\n" + "\n".join(total.examples)
+        report(f"{total.lives} lives, {total.states} states, {total.images} images: every promise is kept")
         if total.states >= wanted:
             break
-    assert not total.broken, f"{dict(total.broken)}\n" + "\n".join(total.examples)
     return {
         "states": total.states,
         "distinct_images": total.images,
