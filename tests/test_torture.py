@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.checks import check_equal
+from tests.house import REPO
 from tests.torture import __main__ as torture
 
 asked: list[tuple[str, int | None, int]] = []
@@ -70,6 +71,6 @@ def test_an_area_that_is_not_there(results: Path, capsys: pytest.CaptureFixture[
 
 def test_every_result_that_is_kept_is_of_an_area() -> None:
     """And says when, of what, and that nothing was lost."""
-    kept = {path.stem: json.loads(path.read_text()) for path in (torture.REPO / "tests/torture/results").iterdir()}
+    kept = {path.stem: json.loads(path.read_text()) for path in (REPO / "tests/torture/results").iterdir()}
     assert set(kept) <= set(torture.AREAS)
     assert all({"date", "commit"} <= set(one) for one in kept.values())
