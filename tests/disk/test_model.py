@@ -126,6 +126,21 @@ def test_one_write_is_lost_or_arrives_alone(cut: Chosen, expected: bytes) -> Non
     check_equal(left(disk_of(write(b"aaaa"), write(b"bb"), write(b"cccc", 4)), cut), expected)
 
 
+@pytest.mark.parametrize(
+    ("cut", "expected"),
+    [
+        (Chosen(512, False, missing=1), {"a", A, B, "a/second"}),
+        (Chosen(512, False, missing=2), {"a", A, B, "a/first"}),
+        (Chosen(512, False, alone=1), {"a", A, B, "a/first"}),
+        (Chosen(512, False, alone=2), {"a", A, B, "a/second"}),
+        (Chosen(512, False, limit=1), {"a", A, B, "a/first"}),
+    ],
+)
+def test_one_name_is_lost_or_arrives_alone(cut: Chosen, expected: set[str]) -> None:
+    """Names may arrive in any order."""
+    check_equal(set(disk_of(Op(Do.CREATE, "a/first"), Op(Do.CREATE, "a/second")).after(cut)), expected)
+
+
 def test_sizes_arrive_in_their_order() -> None:
     """A later size without the one before it, or growth for a write that waits for it, was never there."""
     disk = disk_of(write(b"aaaaaaaa"), Op(Do.SYNC, A), Op(Do.SIZE, A, 2), Op(Do.SIZE, A, 6), write(b"b", 9))
