@@ -57,6 +57,21 @@ def test_sqlite_is_told_in_its_own_words(tmp_path: Path, number: int, expected: 
         connection.close()
 
 
+def test_sqlite_syncs_folders_as_the_system_does_for_it(tmp_path: Path) -> None:
+    """With the first sync of a journal, and with a removal that asks for it."""
+    seen: list[Op] = []
+    with meeting(tmp_path, seen.append):
+        connection = apsw.Connection(str(tmp_path / "one.db"))
+        connection.execute("PRAGMA synchronous = EXTRA")
+        connection.execute("CREATE TABLE t (x)")
+        connection.close()
+    done = [(op.do, op.path) for op in seen if op.do in (Do.SYNC, Do.SYNC_FOLDER, Do.DELETE)]
+    journal = (Do.SYNC, "one.db-journal")
+    check_equal(done[:3], [journal, (Do.SYNC_FOLDER, ""), journal])
+    check_equal(done[-2:], [(Do.DELETE, "one.db-journal"), (Do.SYNC_FOLDER, "")])
+    check_equal(done.count((Do.SYNC_FOLDER, "")), 2)
+
+
 def calls(folder: Path) -> None:
     """Make every call that a seam knows, once."""
     descriptor = os.open(folder / "a", os.O_RDWR | os.O_CREAT)
