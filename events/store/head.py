@@ -65,6 +65,7 @@ class HeadFile:
         except FileNotFoundError:
             seen = None
         self._generation = 0 if seen is None else seen.generation
+        self.fresh = seen is None  # nothing of it can be read yet
         self._descriptor = os.open(folder / NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         if os.fstat(self._descriptor).st_size < SLOT_APART + _SLOT_BYTES:
             os.ftruncate(self._descriptor, 2 * SLOT_APART)

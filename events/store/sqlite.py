@@ -45,8 +45,8 @@ CREATE TABLE record (
     leaf BLOB NOT NULL
 );
 """
-# Signed notes, outside the chain. A flight that an older version began gets the table when it is written on.
-_CHECKPOINTS = "CREATE TABLE IF NOT EXISTS checkpoint (size INTEGER PRIMARY KEY, note TEXT NOT NULL)"
+# Signed notes, outside the chain.
+_CHECKPOINTS = "CREATE TABLE checkpoint (size INTEGER PRIMARY KEY, note TEXT NOT NULL)"
 _INSERT = "INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 _SELECT = "SELECT * FROM record WHERE seq >= ? AND seq < ? ORDER BY seq"
 _END = (1 << 63) - 1
@@ -93,8 +93,8 @@ class SqliteReader:
             raise StoreFailed(f"the log could not be read: {error}") from error
 
     def close(self) -> None:
-        """Close the connection."""
-        self._connection.close()
+        """Close the connection. Raises StoreFailed."""
+        _close(self._connection)
 
 
 class SqliteStore:
@@ -112,10 +112,9 @@ class SqliteStore:
             self._connection.set_wal_hook(self._committed)
             self._begin_wal_anew()
             self.flight_id, self.secret = _identity(self._connection)
-            self._connection.execute(_CHECKPOINTS)
             self.head = _head(self._connection)
             self._signed = max((size for size, _ in _checkpoints(self._connection)), default=0)
-            self._head_file = HeadFile(path.parent)
+            self._head_file = self._open_head_file(path.parent)
         self._reserve = Reserve(path.parent)
         self._chain = Chain(self.flight_id, self.secret, self.head.leaf)
 
@@ -132,7 +131,7 @@ class SqliteStore:
         with _opening(connection, path):
             _set_pragmas(connection)
             with connection:
-                connection.execute(_SCHEMA)
+                connection.execute(_SCHEMA + _CHECKPOINTS)
                 meta = {"flight_id": flight_id, "secret": secret}
                 connection.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
             connection.close()
@@ -188,12 +187,11 @@ class SqliteStore:
 
     def close(self) -> None:
         """Close the connection; SQLite moves the WAL into the database. Raises StoreFailed."""
-        self._connection.close()
-        self._reserve.release()
+        self._reserve.release()  # before the WAL is moved, which takes space
         try:
-            self._head_file.close()
-        except OSError as error:
-            raise StoreFailed(f"the head file could not be written: {error}") from error
+            _close(self._connection)
+        finally:
+            self._close_head_file()
 
     @property
     def reserve_spent(self) -> bool:
@@ -211,11 +209,26 @@ class SqliteStore:
             with self._connection:
                 self._connection.executemany(statement, rows)
 
+    def _open_head_file(self, folder: Path) -> HeadFile:
+        """Return the head file. A new one gets its name for good: else a power cut could take it, hours later too."""
+        head_file = HeadFile(folder)
+        if head_file.fresh:
+            head_file.write(self.head, self._signed)
+            head_file.sync()
+            sync_folder(folder)
+        return head_file
+
     def _write_head(self) -> None:
         try:
             self._head_file.write(self.head, self._signed)
         except OSError as error:
             self._broken = True
+            raise StoreFailed(f"the head file could not be written: {error}") from error
+
+    def _close_head_file(self) -> None:
+        try:
+            self._head_file.close()
+        except OSError as error:
             raise StoreFailed(f"the head file could not be written: {error}") from error
 
     def _begin_wal_anew(self) -> None:
@@ -266,12 +279,19 @@ def _opening(connection: apsw.Connection, path: Path) -> Iterator[None]:
     """Let go of the file where opening it goes wrong, and say so. Raises StoreFailed."""
     try:
         yield
-    except StoreFailed:
-        connection.close()
-        raise
     except (apsw.Error, OSError) as error:
-        connection.close()
+        with suppress(StoreFailed):
+            _close(connection)
+        if isinstance(error, StoreFailed):
+            raise
         raise StoreFailed(f"{path}: {error}") from error
+
+
+def _close(connection: apsw.Connection) -> None:
+    try:
+        connection.close()
+    except apsw.Error as error:
+        raise StoreFailed(f"the log could not be closed: {error}") from error
 
 
 def sync_folder(folder: Path) -> None:

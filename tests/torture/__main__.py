@@ -1,66 +1,62 @@
-"""`python -m tests.torture`: kills the node at 200 seeded points of its life and writes what came of it.
+"""`python -m tests.torture [AREA ...]`: the long runs; without a name, all of them.
 
-Ten flights, twenty kills each; a quarter of the kills comes before the node has said its first word. The result lies
-beside this file: date, commit, counts. It ends at the first flight that breaks a promise.
+Each area writes what came of it to `results/AREA.json` beside this file: date, commit, seconds, counts. A run of
+another count or seed than the full one is a trial, and is printed only. It ends at the first area that breaks.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import subprocess
 import sys
-import tempfile
-from collections import Counter
+import time
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from tests.house import REPO
-from tests.torture.holding import check
-from tests.torture.killing import fly
+from tests.torture import faults, kills, powercut
 
-RESULTS = Path(__file__).with_name("RESULTS.json")
-KILLS, KILLS_A_FLIGHT = 200, 20
-SECONDS = 120.0  # longer than twenty kills take: every one of them happens in the air or before take-off
-STARTING = 0.25
+RESULTS = Path(__file__).with_name("results")
+Report = Callable[[str], None]
+Run = Callable[[int | None, int, Report], dict[str, Any]]
+# Each is given how often (None: the full count), the first seed, and whom to tell how far it is.
+AREAS: dict[str, Run] = {
+    "faults": faults.run,
+    "kills": kills.run,
+    "powercut": powercut.run,
+}
 
 
-def main() -> int:
-    """Kill; return 0 when everything held."""
-    parser = argparse.ArgumentParser(prog="python -m tests.torture", description="Kill the node, again and again.")
-    parser.add_argument("--kills", type=int, default=KILLS, help=f"how often (default: {KILLS})")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the first flight (default: 1)")
-    arguments = parser.parse_args()
-    orders, answers, copies, killed, seed = Counter[str](), 0, 0, 0, arguments.seed
-    while killed < arguments.kills:
-        kills = min(KILLS_A_FLIGHT, arguments.kills - killed)
-        folder = Path(tempfile.mkdtemp(prefix="torture-"))
-        print(f"seed {seed} flies in {folder}", flush=True)  # where something breaks, it is still there to look at
-        flown = fly(folder, seconds=SECONDS, seed=seed, kills=kills, starting=STARTING, land=False)
-        orders += check(flown, ends=0)
-        shutil.rmtree(folder)
-        answers += sum(answer.state == "final" for _, answer in flown.answers)
-        copies += sum(flown.at_aircraft.values())
-        killed += kills
-        seed += 1
-        print(f"{killed} kills, {sum(orders.values())} orders: {dict(sorted(orders.items()))}", flush=True)
-    result = {
-        "date": datetime.now(tz=UTC).date().isoformat(),
-        "commit": _commit(),
-        "kills": killed,
-        "flights": seed - arguments.seed,
-        "first_seed": arguments.seed,
-        "orders_in_the_logs": dict(sorted(orders.items())),
-        "final_answers_seen": answers,
-        "commands_at_the_aircraft": copies,
-        "events_lost": 0,
-        "orders_performed_twice": 0,
-        "logs_that_replay_identically": seed - arguments.seed,
-    }
-    RESULTS.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    print(f"held; see {RESULTS.relative_to(REPO)}")
+def main(arguments: list[str] | None = None) -> int:
+    """Run the areas; return 0 when everything held."""
+    parser = argparse.ArgumentParser(prog="python -m tests.torture", description="The long runs.")
+    parser.add_argument("areas", nargs="*", metavar="AREA", help=f"{', '.join(sorted(AREAS))} (default: all)")
+    parser.add_argument("--count", type=int, help="how often (default: the area's full count); writes no result")
+    parser.add_argument("--seed", type=int, help="the first seed (default: 1); writes no result")
+    asked = parser.parse_args(arguments)
+    if unknown := sorted(set(asked.areas) - set(AREAS)):
+        parser.error(f"there is no area {', '.join(unknown)}: {', '.join(sorted(AREAS))}")
+    for name in asked.areas or sorted(AREAS):
+        _torture(name, asked.count, asked.seed)
     return 0
+
+
+def _torture(name: str, count: int | None, seed: int | None) -> None:
+    began, commit = time.monotonic(), _commit()
+    counts = AREAS[name](count, 1 if seed is None else seed, lambda line: print(f"{name}: {line}", flush=True))
+    seconds = round(time.monotonic() - began)
+    result = {"date": datetime.now(tz=UTC).date().isoformat(), "commit": commit, "seconds": seconds, **counts}
+    text = json.dumps(result, indent=2) + "\n"
+    if count is not None or seed is not None:
+        print(text, end="", flush=True)
+        return
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / f"{name}.json"
+    path.write_text(text, encoding="utf-8")
+    print(f"{name} held; see {path}", flush=True)
 
 
 def _commit() -> str:

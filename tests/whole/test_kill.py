@@ -1,6 +1,6 @@
 """The daemon is killed at five seeded points of a 25 s flight and started again: nothing is lost or done twice.
 
-`python -m tests.torture` does the same at 200 points.
+`python -m tests.torture kills` does the same at 200 points.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from events.chain import FIRST_LEAF_BEFORE
 from events.store import SqliteStore
 from events.store.head import NAME, SLOT_APART, HeadFile, HeadSeen, read_head_file
 from events.store.protocol import Head
@@ -75,16 +76,16 @@ def test_one_bit_of_every_byte(tmp_path: Path) -> None:
 
 
 def test_a_store_writes_it_after_each_commit(tmp_path: Path) -> None:
-    """Every commit that was acknowledged is there, before and after the end; nothing else makes a generation."""
+    """Every commit that was acknowledged is there, before and after the end; only making it is a generation too."""
     store = SqliteStore.create(tmp_path / "flight.db", FLIGHT_ID, SECRET)
-    check_equal(read_head_file(tmp_path), None)
-    for number in range(1, 5):
+    check_equal(read_head_file(tmp_path), HeadSeen(Head(-1, FIRST_LEAF_BEFORE), 1, torn=False))
+    for number in range(2, 6):
         store.append(batch(store.head.seq + 1, store.head.seq + 3))
         store.append([])
         check_equal(read_head_file(tmp_path), HeadSeen(store.head, number, torn=False))
     store.close()
     again = SqliteStore(tmp_path / "flight.db")
-    check_equal(read_head_file(tmp_path), HeadSeen(again.head, 4, torn=False))
+    check_equal(read_head_file(tmp_path), HeadSeen(again.head, 5, torn=False))
     again.close()
 
 
@@ -93,11 +94,11 @@ def test_a_store_writes_it_after_each_checkpoint(tmp_path: Path) -> None:
     store = SqliteStore.create(tmp_path / "flight.db", FLIGHT_ID, SECRET)
     store.append(batch(0, 9))
     store.add_checkpoint(5, "note")
-    check_equal(read_head_file(tmp_path), HeadSeen(store.head, 2, torn=False, signed=5))
-    store.add_checkpoint(4, "note")
     check_equal(read_head_file(tmp_path), HeadSeen(store.head, 3, torn=False, signed=5))
+    store.add_checkpoint(4, "note")
+    check_equal(read_head_file(tmp_path), HeadSeen(store.head, 4, torn=False, signed=5))
     store.close()
     again = SqliteStore(tmp_path / "flight.db")
     again.append(batch(9, 10))
-    check_equal(read_head_file(tmp_path), HeadSeen(again.head, 4, torn=False, signed=5))
+    check_equal(read_head_file(tmp_path), HeadSeen(again.head, 5, torn=False, signed=5))
     again.close()

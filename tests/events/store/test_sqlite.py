@@ -77,6 +77,24 @@ def test_what_is_no_log_is_not_opened(path: Path, opener: type[SqliteStore] | ty
     check_fails("not the log of a flight", opener, path)
 
 
+def test_what_can_not_be_opened_is_let_go(path: Path, store: SqliteStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No connection stays behind, and what went wrong first is what is said."""
+    store.close()
+    before = len(apsw.connections())
+    monkeypatch.setitem(sqlite._PRAGMAS, "page_size", 3)
+    with pytest.raises(StoreFailed, match=r"^PRAGMA page_size"):
+        SqliteStore(path)
+    check_equal(len(apsw.connections()), before)
+    close = sqlite._close
+
+    def broken(connection: apsw.Connection) -> None:
+        close(connection)
+        raise StoreFailed("it can't be closed either")
+
+    monkeypatch.setattr(sqlite, "_close", broken)
+    check_fails("^PRAGMA page_size", SqliteStore, path)
+
+
 def test_a_file_is_never_written_over(path: Path, store: SqliteStore) -> None:
     """Whatever it is; the log in it stays."""
     store.append(batch(0, 2))
