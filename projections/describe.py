@@ -238,6 +238,7 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "disk_full": lambda one: f"the disk is full: {one.reserved_bytes >> 10} KiB given up for the end of the flight",
     "log_key_certified": lambda one: f"key of this log: {one.certificate.partition('key ')[2].partition(chr(10))[0]}",
     "seal_refused": lambda one: f"the log is signed no more: {one.because}",
+    "checkpoint_cosigned": lambda one: f"{one.witness.callsign} cosigned {one.size} records of {one.origin}",
     "moved": lambda one: f"{one.chart} {one.instance}: {one.from_state} -> {one.to_state}, {one.because}",
     "order_received": _ordered,
     "order_malformed": _malformed,
