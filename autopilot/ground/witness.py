@@ -28,7 +28,7 @@ from events.tree import ProofFailed, check_consistency
 LATE_MS = 30_000
 # Checkpoints that wait for their proof, ten minutes of them; then the newest takes the place of the last.
 WAITING_MAX = 64
-PATH_MAX = 128  # hashes; a path has at most two for each bit of a size
+PATH_MAX = 64  # hashes; a path has at most one for each bit of a size, and one
 
 
 class Outcome(Enum):

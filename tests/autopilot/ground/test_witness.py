@@ -1,4 +1,4 @@
-"""The ground as a witness: what it keeps and for how long it stays unproven, what it finds out, what it does not believe."""
+"""The ground as a witness: what it keeps, what stays unproven, what it finds out, what it does not believe."""
 
 from __future__ import annotations
 

@@ -19,14 +19,15 @@ from autopilot.trust.envelope import MessageType
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import SignKey
 from autopilot.trust.notes import Checkpoint, sign_note
+from autopilot.trust.verdict import Sealed as SealedMessage
 from autopilot.wire.keys import cosign_key
 from events.records import NO_CAUSE, Record, make_record
-from events.schema.flight_pb2 import CheckpointCosigned
+from events.schema.flight_pb2 import CheckpointCosigned, InputsDropped
 from events.schema.waypoint_pb2 import CheckpointCosignature, PrincipalKind
 from projections.describe import describe
 from tests.autopilot.node.nodes import Node as LoopNode
 from tests.autopilot.trust.world import NOW_MS, FakeWire, Forge, people, retokened
-from tests.flights import InputsDropped, story
+from tests.flights import story
 from tests.replay.sealed import Sealed, sealed_story, sealer
 
 KEY = cosign_key("wasp-01")
@@ -55,9 +56,9 @@ class Node:
         )
         self.adapter.start()
 
-    def judge(self, *said: object) -> CheckpointCosigned | str:
+    def judge(self, message: SealedMessage, note: str) -> CheckpointCosigned | str:
         """Judge as the board does."""
-        return self.sealing.cosigned.judge(*said)  # type: ignore[arg-type]
+        return self.sealing.cosigned.judge(message, note)
 
     def offer(self, input_class: InputClass, observation: Message) -> bool:
         """Take an observation, or refuse it."""
