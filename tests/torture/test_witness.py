@@ -6,10 +6,10 @@ from tests.torture.witness import run
 
 
 def test_lying_nodes_before_a_witness() -> None:
-    """Sixty histories: honest ones are believed, every proof is worth what it is worth."""
-    counts = run(histories=60, records=3000)
+    """Twenty histories: honest ones are believed, every proof is worth what it is worth."""
+    counts = run(histories=20, records=1500)
     assert counts["answers: contradicts"] > 0
-    assert counts["answers: proven"] > 100
+    assert counts["answers: proven"] > 30
     assert counts["roll-backs and forks found as they were heard"] > 0
-    assert counts["answers that proved nothing"] > 50
-    assert counts["honest nodes"] + counts["lying nodes"] == 60
+    assert counts["answers that proved nothing"] > 20
+    assert counts["honest nodes"] + counts["lying nodes"] == 20
