@@ -14,7 +14,7 @@ from autopilot.node.board import Board
 from autopilot.node.cosigned import RECENT_MAX, Cosigned
 from autopilot.ports.config import MeshSection
 from autopilot.ports.edges import InputClass
-from autopilot.trust.cosignatures import Cosignature, cosign, cosigned, cosigner_name, parted
+from autopilot.trust.cosignatures import COSIGNATURES_MAX, Cosignature, cosign, cosigned, cosigner_name, parted
 from autopilot.trust.envelope import MessageType
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import SignKey
@@ -149,6 +149,7 @@ def test_a_repeat_is_old(node: Node) -> None:
     node.sealing = again
     check_refused(node, by(people().alice, note), "old")
     check_taken(node, people().bob, note)
+    assert [line.name.rpartition("/")[2] for line in parted(node.stored())[2]] == ["alice", "bob"]
     node.grow()
     check_taken(node, people().alice, node.sealing.newest)
     check_refused(node, by(people().alice, note), "old")
@@ -176,6 +177,28 @@ def test_another_text_of_the_same_size_is_kept_once(node: Node) -> None:
     second = sign_note(parted(first)[0].replace("flight_ns 1", "flight_ns 99"), *_log_key(node))
     check_taken(node, people().bob, second)
     assert node.stored() == by(people().alice, first)
+
+
+def test_the_newest_that_is_shown_is_the_largest(node: Node) -> None:
+    """An older checkpoint may be cosigned after it."""
+    first = node.sealing.newest
+    node.grow()
+    check_taken(node, people().alice, node.sealing.newest)
+    shown = node.sealing.cosigned.newest
+    check_taken(node, people().bob, first)
+    assert (node.sealing.cosigned.newest, shown is not None) == (shown, True)
+
+
+def test_lines_under_a_note_are_bounded(node: Node) -> None:
+    """The log holds them all; the note as many as one may have."""
+    note = node.sealing.newest
+    for number in range(COSIGNATURES_MAX + 1):
+        who = f"waypoint/coast-watch/w-{number}"
+        said = CheckpointCosigned(origin=_log_key(node)[0], size=len(story().records))
+        said.checkpoint = by(people().alice, note, name=who)
+        node.offered.append((InputClass.OUTCOME, said))
+        node.record()
+    assert len(parted(node.stored())[2]) == COSIGNATURES_MAX
 
 
 def _log_key(node: Node) -> tuple[str, SignKey]:
@@ -277,8 +300,10 @@ def test_a_full_inbox_is_said(node: Node) -> None:
 def test_only_the_newest_are_remembered(node: Node) -> None:
     """Memory does not grow with the flight."""
     first = node.sealing.newest
+    check_taken(node, people().bob, first)
     for _ in range(RECENT_MAX):
         node.grow()
+    assert node.sealing.cosigned._notes == {}
     check_refused(node, by(people().alice, first), "old")
     assert len(node.sealing.cosigned._roots) == RECENT_MAX
     check_taken(node, people().alice, node.sealing.newest)

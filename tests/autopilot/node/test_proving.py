@@ -16,9 +16,11 @@ from tests.flights import FLIGHT_ID, SECRET, story
 STORY = story()
 
 
-def flight(root: Path, number: int = 1, most: int | None = None) -> tuple[SqliteStore, list[bytes]]:
+def flight(
+    root: Path, number: int = 1, most: int | None = None, secret: bytes = SECRET
+) -> tuple[SqliteStore, list[bytes]]:
     """Write the story as a flight; return its store and its leaves."""
-    made, store = create_flight(root, number, FLIGHT_ID, SECRET)
+    made, store = create_flight(root, number, FLIGHT_ID, secret)
     store.append(STORY.records[:most])
     reader = read_flight(made.folder)
     leaves = [stored.leaf for stored in reader.stored()]
@@ -101,3 +103,5 @@ def test_a_long_log_is_read_in_blocks_with_pauses(tmp_path: Path, monkeypatch: p
     whole = [stored.leaf for stored in store.stored()]
     check_proves(prover.proof(1, 70, len(whole)), whole, 70, len(whole))
     assert len(breaths) == len(whole) // 16
+    _, others = flight(tmp_path, 2, secret=bytes(32))
+    check_proves(prover.proof(2, 41, 80), others, 41, 80)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from dataclasses import replace
 
 import pytest
 
@@ -23,13 +24,13 @@ ORIGIN, NAME = "waypoint/coast-watch/wasp-01/3", "waypoint/coast-watch/alice"
 TEXT = f"{ORIGIN}\n5\n{base64.b64encode(bytes(32)).decode()}\nflight_ns 7\n"
 NOTE = sign_note(TEXT, ORIGIN, LOG)
 # The example of C2SP tlog-cosignature; its witness signed at this time.
-PUBLISHED = """example.com/behind-the-sofa
-20852163
-CsUYapGGPo4dkMgIAUqom/Xajj7h2fB2MPA3j2jxq2I=
-
-— example.com/behind-the-sofa Az3grlgtzPICa5OS8npVmf1Myq/5IZniMp+ZJurmRDeOoRDe4URYN7u5/Zhcyv2q1gGzGku9nTo+zyWE+xeMcTOAYQ8=
-— witness.example.com/w1 jWbPPwAAAABkGFDLEZMHwSRaJNiIDoe9DYn/zXcrtPHeolMI5OWXEhZCB9dlrDJsX3b2oyin1nPZqhf5nNo0xUe+mbIUBkBIfZ+qnA==
-"""  # noqa: E501
+PUBLISHED = (
+    "example.com/behind-the-sofa\n20852163\nCsUYapGGPo4dkMgIAUqom/Xajj7h2fB2MPA3j2jxq2I=\n\n"
+    "— example.com/behind-the-sofa "
+    "Az3grlgtzPICa5OS8npVmf1Myq/5IZniMp+ZJurmRDeOoRDe4URYN7u5/Zhcyv2q1gGzGku9nTo+zyWE+xeMcTOAYQ8=\n"
+    "— witness.example.com/w1 "
+    "jWbPPwAAAABkGFDLEZMHwSRaJNiIDoe9DYn/zXcrtPHeolMI5OWXEhZCB9dlrDJsX3b2oyin1nPZqhf5nNo0xUe+mbIUBkBIfZ+qnA==\n"
+)
 PUBLISHED_TIME_S = 1679315147
 
 
@@ -76,7 +77,10 @@ def test_what_is_not_believed() -> None:
     check_not_believed(TEXT, f"{NAME}2", KEY)
     check_not_believed(TEXT, NAME, LOG)
     moved = cosign(TEXT, NAME, KEY, 100)
-    later = type(moved)(moved.name, moved.key_id, 101, moved.signature)
+    for other in (replace(moved, name=f"{NAME}2"), replace(moved, key_id=bytes(4))):
+        with pytest.raises(NoteInvalid, match="is not by"):
+            check_cosignature(TEXT, other, NAME, KEY.public)
+    later = replace(moved, time_s=101)
     with pytest.raises(NoteInvalid, match="not what"):
         check_cosignature(TEXT, later, NAME, KEY.public)
     with pytest.raises(NoteInvalid):
@@ -89,6 +93,7 @@ def test_notes_that_can_not_be_taken_apart() -> None:
     data = line.split(" ")[2].strip()
     check_refused("")
     check_refused(TEXT)
+    check_refused("one line\n")
     check_refused(NOTE[:-1])
     check_refused(NOTE + "— x\n")
     check_refused(NOTE + "\n")
