@@ -27,16 +27,15 @@ from tests.autopilot.trust.world import people
 FULL = {"histories": 2000, "records": 1_000_000}
 STEPS = 25
 BATCH = 2000
-PROOFS = 200
 
 
-def run(histories: int, records: int, seed: int = 1) -> dict[str, Any]:
+def run(histories: int, records: int, seed: int = 1, proofs: int = 200) -> dict[str, Any]:
     """Torture a witness; return what was counted. Raises AssertionError where a promise is broken."""
     counts = Counter[str]()
     for number in range(histories):
         with TemporaryDirectory(prefix="witness-") as folder, patch("autopilot.ground.kept.write_file", _written):
             counts.update(_history(Path(folder), random.Random(seed * 1_000_003 + number)))
-    timed = _timed(records) if records else {}
+    timed = _timed(records, proofs) if records else {}
     return {"histories": histories, "seed": seed, **dict(sorted(counts.items())), **timed}
 
 
@@ -120,7 +119,7 @@ def _garbage(log: Log, request: bytes, chance: random.Random) -> bytes:
     return bytes(true)
 
 
-def _timed(records: int) -> dict[str, Any]:
+def _timed(records: int, proofs: int) -> dict[str, Any]:
     """Write a log of so many records; return what the first proof and the next ones take, in milliseconds."""
     with TemporaryDirectory(prefix="witness-") as folder:
         _, store = create_flight(Path(folder), 1, bytes(16), bytes(32))
@@ -130,7 +129,7 @@ def _timed(records: int) -> dict[str, Any]:
             store.append([make_record(seq, NO_CAUSE, at, TimePassed()) for seq in batch])
         prover, chance = Prover(Path(folder)), random.Random(1)
         first_ms = _proof_ms(prover, records // 2, records)
-        times = sorted(_proof_ms(prover, chance.randrange(1, records), records) for _ in range(PROOFS))
+        times = sorted(_proof_ms(prover, chance.randrange(1, records), records) for _ in range(proofs))
         store.close()
     return {
         "records": records,

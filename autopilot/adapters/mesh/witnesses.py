@@ -125,12 +125,9 @@ class CosignatureDoor:
 def read_cosignature(_message: Sealed, content: bytes) -> str:
     """Decode a cosignature's note. Raises Unreadable."""
     try:
-        note = CheckpointCosignature.FromString(content).checkpoint
+        return CheckpointCosignature.FromString(content).checkpoint
     except DecodeError as error:
         raise Unreadable("the content is no CheckpointCosignature, or a text in it is not UTF-8") from error
-    if not note:
-        raise Unreadable("checkpoint: is empty")
-    return note
 
 
 def _answer(asked: ConsistencyRequest, found: Consistency) -> bytes:

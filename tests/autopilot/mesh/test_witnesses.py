@@ -81,6 +81,7 @@ def test_a_question_is_answered() -> None:
         b"\xff\xff",
         question() + b"\x00",
         question(old_size=0),
+        ConsistencyRequest(flight_number=3, new_size=9).SerializeToString(),
         question(old_size=9),
         question(old_size=10),
         question(new_size=0),
