@@ -102,6 +102,14 @@ def test_a_repeat_costs_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert one.see(NODE, key, LOG.status(5)) == ""
 
 
+def test_a_lie_is_said_each_time(tmp_path: Path) -> None:
+    """Also to a process that has heard it before."""
+    one, key = witness(tmp_path), people().wasp.public_key
+    one.see(NODE, key, LOG.status(5))
+    said = [one.see(NODE, key, LOG.status(4, 100_001)) for _ in range(2)]
+    assert ["rolled back" in wrong for wrong in said] == [True, True]
+
+
 def test_the_next_flight_begins_anew_and_the_last_is_still_asked_about(tmp_path: Path) -> None:
     """However short; what waits of the flight before is not forgotten."""
     following = Log(flight=4, flight_id=2)
@@ -217,6 +225,15 @@ def test_what_proves_nothing_changes_nothing(tmp_path: Path, name: str, proven: 
     assert tell(tmp_path, UNKIND[name]) is Outcome.NOTHING
     assert (tmp_path / FOLDER / NODE / "000003.json").read_bytes() == before
     assert (evidence(tmp_path), ask(tmp_path) is None) == ([], False)
+    assert tell(tmp_path, LOG.answer) is Outcome.PROVEN
+
+
+def test_nobody_can_make_a_contradiction(tmp_path: Path) -> None:
+    """By moving the border between two hashes, under a parent that stays the same."""
+    see(tmp_path, LOG.status(8), LOG.status(16, 100_001))
+    root = LOG.grown(16).root(8)
+    forged = changed(old_root=root[:31], path=lambda path: [root[31:] + path[0]])
+    assert tell(tmp_path, forged) is Outcome.NOTHING
     assert tell(tmp_path, LOG.answer) is Outcome.PROVEN
 
 
