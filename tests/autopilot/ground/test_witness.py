@@ -12,10 +12,10 @@ import pytest
 from autopilot.ground import witness as witness_module
 from autopilot.ground.kept import EVIDENCE, EVIDENCE_MAX, FOLDER, Memory
 from autopilot.ground.witness import WAITING_MAX, Outcome, Question, Standing, Witness
-from autopilot.trust.notes import NoteInvalid, sign_note
+from autopilot.trust.notes import Checkpoint, NoteInvalid, sign_note
 from events.schema.waypoint_pb2 import ConsistencyAnswer, NodeStatus
 from events.tree import check_consistency
-from tests.autopilot.ground.logs import NODE, Log
+from tests.autopilot.ground.logs import KEY, NODE, Log
 from tests.autopilot.trust.world import people
 
 LOG = Log()
@@ -261,6 +261,12 @@ def test_what_waits_is_bounded(tmp_path: Path) -> None:
     check_standing(tmp_path, sizes[-1], sizes[-1])
 
 
+def said(about: str, name: str) -> str:
+    """Return a checkpoint about one log that the log's key signed under a name."""
+    checkpoint = Checkpoint(f"waypoint/coast-watch/{about}", 5, bytes(32), 1)
+    return sign_note(checkpoint.text(), f"waypoint/coast-watch/{name}", KEY)
+
+
 def test_what_is_not_signed_is_not_kept(tmp_path: Path) -> None:
     """By the node's key the certificate, by the log's key the checkpoint, and both about this log."""
     good, other, wasp = LOG.status(5), Log(flight=4).status(7), people().wasp
@@ -273,6 +279,8 @@ def test_what_is_not_signed_is_not_kept(tmp_path: Path) -> None:
         NodeStatus(at_ms=1, log_checkpoint=good.log_checkpoint.replace("5", "6", 1), log_key=good.log_key),
         *(NodeStatus(at_ms=1, log_checkpoint=good.log_checkpoint, log_key=one) for one in (hornet, renamed, foreign)),
         NodeStatus(at_ms=1, log_checkpoint=good.log_checkpoint, log_key=""),
+        NodeStatus(at_ms=1, log_checkpoint=said("hornet-02/3", "hornet-02/3"), log_key=renamed),
+        NodeStatus(at_ms=1, log_checkpoint=said("wasp-01/4", "wasp-01/3"), log_key=good.log_key),
     ]
     assert [bool(wrong) for wrong in see(tmp_path, *bad)] == [True] * len(bad)
     assert see(tmp_path, NodeStatus(at_ms=1)) == [""]
