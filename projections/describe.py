@@ -239,6 +239,7 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "flight_deleted": lambda one: f"flight {one.flight_number}, pushed to {one.pushed_to}, was deleted here",
     "log_key_certified": lambda one: f"key of this log: {one.certificate.partition('key ')[2].partition(chr(10))[0]}",
     "seal_refused": lambda one: f"the log is signed no more: {one.because}",
+    "checkpoint_cosigned": lambda one: f"{one.witness.callsign} cosigned {one.size} records of {one.origin}",
     "moved": lambda one: f"{one.chart} {one.instance}: {one.from_state} -> {one.to_state}, {one.because}",
     "order_received": _ordered,
     "order_malformed": _malformed,

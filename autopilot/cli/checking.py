@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from autopilot.ground.examiner import anchor_of, judge
+from autopilot.ground.kept import Kept
 from autopilot.ground.sealed import Anchor, Found, judge_flight, look
-from autopilot.ground.witness import Kept, Witness
+from autopilot.ground.witness import Witness
 from autopilot.trust.documents import DocumentError, verify_trust_root
 from autopilot.trust.identity import ROOT_FILE
 from autopilot.trust.notes import NoteInvalid
@@ -64,7 +65,9 @@ def _check_all(root: Path, *, as_json: bool, witness: Path | None) -> int:
 def _witnessed(root: Path, witness: Path) -> tuple[Anchor, Kept | None]:
     trust = verify_trust_root((witness / ROOT_FILE).read_bytes())
     anchor = anchor_of(root, trust)
-    return anchor, Witness(witness).kept(*anchor)
+    deployment_id, node, public_key = anchor
+    chain = Witness(witness, deployment_id).newest(node, public_key)
+    return anchor, None if chain is None else chain.newest
 
 
 def _told(text: str, code: int) -> int:

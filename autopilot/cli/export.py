@@ -12,20 +12,22 @@ from pathlib import Path
 from typing import Any
 
 from autopilot.cli.flight import USAGE, folder_of, with_flight
-from autopilot.ground.verifier import ProofRefused, check
+from autopilot.ground.consistency import check_consistent
+from autopilot.ground.verifier import ProofRefused, Proved, check
 from autopilot.node.sealing import CERTIFICATE_FILE
 from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE
 from events import read_record
 from events.store import Reader
 from projections.bundle import build
 from projections.canonical import json_text
-from replay.proof import Papers, prove
+from replay.proof import Papers, prove, prove_consistency
 
 _EXAMPLES = """\
 examples:
   autopilot export bundle flights/000001-1a2b3c4d bundle.json
   autopilot export bundle flights/000001-1a2b3c4d - | python -m json.tool
   autopilot export proof flights/000001-1a2b3c4d --seq 142 proof.json
+  autopilot export consistency flights/000001-1a2b3c4d --from 1000 --to 2000 grown.json
 
 exit codes: 0 written, 65 the flight can't be understood or proves nothing, 66 there is no such flight, \
 73 OUT can't be written, 74 the flight can't be read
@@ -36,7 +38,12 @@ summary of the flight. The same flight gives the same bytes every time.
 """
 _PROOF = """\
 Write one record with everything that led to it as a proof: `autopilot verify OUT` checks it, offline and without a
-key, against the newest checkpoint that the node signed. What is written was checked so before.
+key, against the newest checkpoint that a witness cosigned, or that the node signed where none did. What is written was
+checked so before.
+"""
+_CONSISTENCY = """\
+Write the proof that the log only grew between two signed checkpoints: `autopilot verify OUT` checks it, offline and
+without a key. No record is shown.
 """
 
 
@@ -72,6 +79,20 @@ def add(commands: Any) -> None:
     one.add_argument("--seq", type=int, required=True, metavar="N", help="number of the record")
     one.add_argument("out", metavar="OUT", help="file to write; - for standard output")
     one.set_defaults(run=run_proof)
+    one = own.add_parser(
+        "consistency",
+        help="that the log only grew between two checkpoints",
+        description=_CONSISTENCY,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    one.add_argument("flight", metavar="FLIGHT", help="folder of the flight")
+    one.add_argument("--from", dest="old", type=int, required=True, metavar="N", help="records under the older one")
+    one.add_argument(
+        "--to", dest="new", type=int, metavar="M", help="records under the newer one (default: the newest)"
+    )
+    one.add_argument("out", metavar="OUT", help="file to write; - for standard output")
+    one.set_defaults(run=run_consistency)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -87,10 +108,39 @@ def run_proof(args: argparse.Namespace) -> int:
     return with_flight(args.flight, lambda reader: _proof(reader, folder_of(args.flight), args.seq, args.out))
 
 
+def run_consistency(args: argparse.Namespace) -> int:
+    """Write a consistency proof; return the exit code."""
+    folder = folder_of(args.flight)
+    return with_flight(args.flight, lambda reader: _consistency(reader, folder, (args.old, args.new), args.out))
+
+
+def _consistency(reader: Reader, folder: Path, sizes: tuple[int, int | None], out: str) -> int:
+    try:
+        data = prove_consistency(reader, *sizes, _papers(folder))
+        proved = check_consistent(data)
+    except (LookupError, ProofRefused) as error:
+        print(f"autopilot export: {error}", file=sys.stderr)
+        return os.EX_DATAERR
+    code = _put(out, data)
+    if code == os.EX_OK and out != "-":
+        said = f"from {proved.old.size} to {proved.new.size} records, {len(data)} bytes"
+        print(f"{out}: {said}; autopilot verify {out}", file=sys.stderr)
+    return code
+
+
+def _checked_proof(reader: Reader, seq: int, papers: Papers) -> tuple[bytes, Proved]:
+    """Return a proof that holds: where the flight had another key when it was cosigned, one without cosignatures."""
+    data = prove(reader, seq, papers)
+    try:
+        return data, check(data)
+    except ProofRefused:
+        data = prove(reader, seq, papers, cosigned=False)
+        return data, check(data)
+
+
 def _proof(reader: Reader, folder: Path, seq: int, out: str) -> int:
     try:
-        data = prove(reader, seq, _papers(folder))
-        proved = check(data)
+        data, proved = _checked_proof(reader, seq, _papers(folder))
     except (LookupError, ProofRefused) as error:
         print(f"autopilot export: {error}", file=sys.stderr)
         return os.EX_DATAERR

@@ -1,5 +1,7 @@
 """`autopilot verify`: whether a proof holds, and what it proves. Offline, without keys; it reads the one file.
 
+A proof is one of a decision, or one that a log only grew; the file says which.
+
 The judging is done by `autopilot.ground.verifier`, which knows nothing of the rest; here its answer is put into words.
 """
 
@@ -10,9 +12,11 @@ import json
 import os
 import sys
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from autopilot.ground.consistency import Consistent, check_consistent, is_consistency
 from autopilot.ground.verifier import BYTES_MAX, ProofRefused, Proved, check
 from events.records import Moment, Stored
 from replay.causes import line
@@ -26,8 +30,8 @@ examples:
 exit codes: 0 it holds, 65 it does not, 66 there is no such file
 """
 _DESCRIPTION = """\
-Check a proof that `autopilot export proof` wrote, and say what it proves and what not. Nothing but the file is needed;
-with --root the proof must rest on the trust root that you have yourself.
+Check a proof that `autopilot export proof` or `autopilot export consistency` wrote, and say what it proves and what
+not. Nothing but the file is needed; with --root the proof must rest on the trust root that you have yourself.
 """
 
 
@@ -35,7 +39,7 @@ def add(commands: Any) -> None:
     """Add the command to the program's."""
     made = commands.add_parser(
         "verify",
-        help="check the proof of a recorded decision, offline",
+        help="check a proof, offline",
         description=_DESCRIPTION,
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -55,6 +59,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"autopilot verify: {error.filename}: {error.strerror}", file=sys.stderr)
         return os.EX_NOINPUT
     try:
+        if is_consistency(data):
+            return _told(check_consistent(data, root), as_json=args.json)
         proved = check(data, root)
     except ProofRefused as error:
         print(f"autopilot verify: refused: {error}", file=sys.stderr)
@@ -66,6 +72,27 @@ def run(args: argparse.Namespace) -> int:
     for text in _lines(proved):
         print(text)
     return os.EX_OK
+
+
+def _told(proved: Consistent, *, as_json: bool) -> int:
+    """Say what a consistency proof proves; return the exit code."""
+    print(json.dumps(_plain_consistent(proved), sort_keys=True) if as_json else proved.words())
+    return os.EX_OK
+
+
+def _plain_consistent(proved: Consistent) -> dict[str, Any]:
+    return {
+        "deployment": proved.log.deployment,
+        "node": proved.log.node,
+        "flight": proved.log.flight,
+        "flight_id": proved.log.flight_id.hex(),
+        "old_records": proved.old.size,
+        "new_records": proved.new.size,
+        "old_cosigners": [asdict(one) for one in proved.old.cosigners],
+        "new_cosigners": [asdict(one) for one in proved.new.cosigners],
+        "trust_root_sha256": proved.log.trust_root,
+        "words": proved.words(),
+    }
 
 
 def _read(path: str) -> bytes:
@@ -89,6 +116,7 @@ def _plain(proved: Proved) -> dict[str, Any]:
         "signed_records": proved.size,
         "signed_flight_ns": proved.signed_flight_ns,
         "trust_root_sha256": proved.trust_root,
+        "cosigners": [asdict(one) for one in proved.cosigners],
         "records": [one.seq for one in proved.records],
         "words": proved.words(),
     }

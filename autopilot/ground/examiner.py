@@ -11,8 +11,8 @@ from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 
+from autopilot.ground.kept import Kept
 from autopilot.ground.sealed import Anchor, Found, Judged, judge_flight
-from autopilot.ground.witness import Kept
 from autopilot.trust.documents import DocumentError, DocumentMalformed, Trust, verify_token
 from autopilot.trust.identity import TOKEN_FILE
 from autopilot.trust.replayed import VERDICT_FILE

@@ -9,6 +9,7 @@ import os
 import threading
 import uuid
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,8 +24,8 @@ from autopilot.trust.keys import Random
 from autopilot.trust.limits import ORDER_TTL_MS, TTL_MS_MAX
 from autopilot.trust.tally import Tally
 from autopilot.trust.verdict import Opened
-from autopilot.wire.keys import ack_address, acks_of, order_key, status_key, status_node
-from events.schema.waypoint_pb2 import CommandAck, DeviceCommand, NodeStatus, PrincipalKind
+from autopilot.wire.keys import ack_address, acks_of, cosign_key, order_key, proof_key, status_key, status_node
+from events.schema.waypoint_pb2 import CheckpointCosignature, CommandAck, DeviceCommand, NodeStatus, PrincipalKind
 
 NODES = frozenset({PrincipalKind.NODE})
 ANSWER_GRACE_S = 2.0  # an answer may still be on its way when the order's life ends
@@ -67,7 +68,7 @@ class Issuer:
         self._numbers = OrderNumbers(identity.folder / "order_seq", self._clock)
         self._ledger = Ledger()
         self._statuses: dict[str, SeenStatus] = {}
-        self._witness = Witness(identity.folder)
+        self.witness = Witness(identity.folder, identity.deployment_id)
         self._complaints: dict[str, str] = {}
         self._node_keys = dict(identity.known_nodes)
         self._watched: set[str] = set()
@@ -189,6 +190,27 @@ class Issuer:
         with self._ledger.changed:
             return dict(self._complaints)
 
+    def complain(self, node: str, wrong: str) -> None:
+        """Note what was found out about a node's log."""
+        with self._ledger.changed:
+            self._complaints[node] = wrong
+
+    def node_key(self, node: str) -> bytes | None:
+        """Return the Ed25519 key of a node, None while it is not known."""
+        return self._node_keys.get(node)
+
+    def ask(self, node: str, question: bytes, timeout_s: float) -> list[bytes]:
+        """Ask for a consistency proof; return what was answered, by whomever."""
+        return self._wire.ask(proof_key(node), question, timeout_s)
+
+    def cosign(self, node: str, note: str) -> None:
+        """Send a checkpoint with our cosignature under it, once. It may be lost: the node's status shows whether."""
+        key_expr = cosign_key(node)
+        content = CheckpointCosignature(checkpoint=note).SerializeToString(deterministic=True)
+        with suppress(PackError, LinkDown):
+            packed = self._packer.pack(MessageType.COSIGNATURE, key_expr, content, ttl_ms=ORDER_TTL_MS)
+            self._wire.put(key_expr, packed.envelope, urgent=False)
+
     def receive_ack(self, key_expr: str, payload: bytes) -> None:
         """Judge a sample on an ack key. Never raises."""
         verdict = self._ack_gate.judge(key_expr, payload)
@@ -216,7 +238,7 @@ class Issuer:
     def _bear_witness(self, node: str, public_key: bytes, status: NodeStatus) -> str:
         """Hold a status against what the node signed before; return what is wrong, "" where it fits."""
         try:
-            return self._witness.see(self._identity.deployment_id, node, public_key, status)
+            return self.witness.see(node, public_key, status)
         except OSError as error:
             return f"what it signed can't be kept: {error}"
 

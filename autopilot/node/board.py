@@ -13,7 +13,9 @@ import traceback
 from collections.abc import Callable
 
 from autopilot.node.flights import Session
+from autopilot.trust.verdict import Sealed
 from events.records import Record
+from events.schema.flight_pb2 import CheckpointCosigned
 from events.schema.waypoint_pb2 import CameraStatus, NodeStatus, PoiStatus
 from projections import status
 from projections.picture import CameraPicture, GimbalPicture, Picture, Question
@@ -74,6 +76,11 @@ class Board:
         finally:
             self._changed.clear()
 
+    def judge_cosignature(self, message: Sealed, note: str) -> CheckpointCosigned | str:
+        """Judge a cosignature of the open flight's log; see `ports.edges.CosignatureJudge`."""
+        sealing = self.session.sealing
+        return "no log" if sealing is None else sealing.cosigned.judge(message, note)
+
     def node_status(self) -> NodeStatus:
         """Return the status in the words of the wire; deadlines as what is left of them."""
         now_ns, picture = self.session.clock.peek_ns(), self._status.picture
@@ -93,6 +100,8 @@ class Board:
             said.disk_short = self.disk_short
         if (sealing := self.session.sealing) is not None and sealing.newest:
             said.log_checkpoint, said.log_key = sealing.newest, sealing.certificate
+            if (cosigned := sealing.cosigned.newest) is not None:
+                said.cosigned_size, said.cosigned_by = cosigned
         for vehicle in picture.vehicles.values():
             if vehicle.latitude_e7 is not None and vehicle.longitude_e7 is not None:
                 said.latitude_e7, said.longitude_e7 = vehicle.latitude_e7, vehicle.longitude_e7

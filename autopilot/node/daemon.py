@@ -30,6 +30,7 @@ from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.loop import NodeLoop, Stop
 from autopilot.node.not_recording import CannotRecord, NotRecording
 from autopilot.node.projecting import Projecting
+from autopilot.node.proving import Prover
 from autopilot.node.sealing import Sealer
 from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
 from autopilot.node.verdicts import Verdicts
@@ -121,15 +122,24 @@ class Daemon:
             perform=lambda record: _call(asyncio_loop, lambda: edges.perform(record)),
             on_end=lambda: _call(asyncio_loop, over.set),
         )
-        edges = make_edges(self._config, identity, self._clock, self._inbox, self._origin, lambda: self._is_well(loop))
+        prover = Prover(Path(self._config.node.flights))
+        edges = make_edges(
+            *(self._config, identity, self._clock, self._inbox, self._origin, lambda: self._is_well(loop)),
+            proving=prover,
+            judge=self._board.judge_cosignature,
+        )
+        prover.start()
         loop.start()
-        await _first(asyncio.shield(ready), over.wait())
-        if not ready.done() and isinstance(loop.failure, StoreFailed):
-            raise CannotRecord(str(loop.failure))
-        if ready.done():
-            await refusing.stop()
-            refusing.over()
-            await self._serve(loop, edges, over, ready.result(), identity)
+        try:
+            await _first(asyncio.shield(ready), over.wait())
+            if not ready.done() and isinstance(loop.failure, StoreFailed):
+                raise CannotRecord(str(loop.failure))
+            if ready.done():
+                await refusing.stop()
+                refusing.over()
+                await self._serve(loop, edges, over, ready.result(), identity)
+        finally:
+            prover.stop()
         return _exit_code(loop, edges.eyes.refusal)
 
     def _opened(

@@ -17,7 +17,7 @@ from autopilot.geo import LocalFrame, Origin
 from autopilot.node.flights import Session
 from autopilot.node.inbox import Inbox
 from autopilot.ports.config import Config
-from autopilot.ports.edges import Clock, InputClass, Performer
+from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Performer, Proving
 from autopilot.trust.identity import Identity
 from events.records import Record
 from events.schema.common_pb2 import Place
@@ -60,12 +60,19 @@ class Edges:
 
 
 def make_edges(
-    config: Config, identity: Identity, clock: Clock, inbox: Inbox, origin: Origin, healthy: Callable[[], bool]
+    config: Config,
+    identity: Identity,
+    clock: Clock,
+    inbox: Inbox,
+    origin: Origin,
+    healthy: Callable[[], bool],
+    proving: Proving | None = None,
+    judge: CosignatureJudge | None = None,
 ) -> Edges:
     """Make the adapters; nothing starts yet."""
     mesh = vehicle = None
     if config.mesh.connect or config.mesh.listen:
-        mesh = MeshAdapter(config.mesh, identity, clock, origin.place_e7, inbox.offer)
+        mesh = MeshAdapter(config.mesh, identity, clock, origin.place_e7, inbox.offer, proving=proving, judge=judge)
     if config.vehicle.connect or config.vehicle.listen:
         vehicle = VehicleLink(
             config.vehicle,

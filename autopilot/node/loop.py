@@ -162,6 +162,8 @@ class NodeLoop(threading.Thread):
             self._hand_over(record)
         time.sleep(0)  # lets go of the interpreter: whoever performs goes before the fold
         self._on_records(durable)
+        if session.sealing is not None:
+            session.sealing.cosigned.hear(durable)
         self._watch_arming(session)
 
     def _hand_over(self, record: Record) -> None:

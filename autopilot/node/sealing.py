@@ -12,7 +12,9 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from autopilot.node.cosigned import Cosigned
 from autopilot.ports.edges import Clock
+from autopilot.trust.cosignatures import parted
 from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE, Identity
 from autopilot.trust.keys import SecretFileError, SignKey, read_secret, write_file
 from autopilot.trust.limits import KEY_BYTES
@@ -111,6 +113,7 @@ class Sealing:
         self._sealed_mono_ns: int | None = None  # None: not yet since this start
         self._armed = False
         self.certificate = certificate
+        self.cosigned = Cosigned(origin, key.public, store, clock)
         self.newest = ""  # the newest checkpoint that is stored, as a note; read from other threads
         self.refusal = self._resume()
 
@@ -131,9 +134,11 @@ class Sealing:
             return
         self._advance(self._store.head.seq + 1)
         size = self._peaks.size
-        text = Checkpoint(self._origin, size, self._peaks.root(), flight_ns).text()
+        root = self._peaks.root()
+        text = Checkpoint(self._origin, size, root, flight_ns).text()
         note = sign_note(text, self._origin, self._key)
         self._store.add_checkpoint(size, note)
+        self.cosigned.signed(size, root)
         self._sealed, self.newest = size, note
 
     def close(self, flight_ns: int) -> None:
@@ -151,13 +156,15 @@ class Sealing:
         if durable < size:
             return f"{size} records were signed, and the log holds {durable}"
         try:
-            signed = read_checkpoint(note.rpartition("\n\n")[0] + "\n")
+            text, bare, _ = parted(note)
+            signed = read_checkpoint(text)
         except NoteInvalid as error:
             return f"the checkpoint over {size} records can't be read: {error}"
         self._advance(size)
         if (signed.origin, signed.size, signed.root) != (self._origin, size, self._peaks.root()):
             return f"the first {size} records are not those that were signed"
-        self._sealed, self.newest = size, note
+        self._sealed, self.newest = size, bare
+        self.cosigned.resume(size, signed.root, note)
         return ""
 
     def _advance(self, size: int) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from google.protobuf.message import Message
 
 from autopilot.trust.clock import Clock as Clock
+from autopilot.trust.verdict import Sealed
+from events.schema.flight_pb2 import CheckpointCosigned
 
 
 class InputClass(Enum):
@@ -56,3 +59,29 @@ class PoseSource(Protocol):
 
     def pose_at(self, mono_ns: int) -> Pose | None:
         """Return the pose at `mono_ns` (monotonic clock of this machine), or None where it is not known."""
+
+
+class Consistency(NamedTuple):
+    """That a log of so many records goes on from a shorter one (RFC 9162, section 2.1.4)."""
+
+    old_root: bytes
+    path: tuple[bytes, ...]
+
+
+class Proving(Protocol):
+    """Works out consistency proofs of this node's flights."""
+
+    def ask(
+        self, flight_number: int, old_size: int, new_size: int, reply: Callable[[Consistency | None], None]
+    ) -> bool:
+        """Begin to; False when too many wait. May be called from any thread; never blocks, never raises.
+
+        `reply` is called once, on another thread; None: there is no such log.
+        """
+
+
+class CosignatureJudge(Protocol):
+    """Says whether a cosignature is one of this node's log. May be called from any thread; never raises."""
+
+    def __call__(self, message: Sealed, note: str) -> CheckpointCosigned | str:
+        """Return what is to be recorded, or the name of what is wrong."""

@@ -38,12 +38,14 @@ class MessageType(IntEnum):
     ORDER = 1
     ACK = 2
     STATUS = 3
+    COSIGNATURE = 5
 
 
 _PERSON = {
     MessageType.ORDER: b"wp.cmd.seal.v1",
     MessageType.ACK: b"wp.ack.seal.v1",
     MessageType.STATUS: b"wp.sta.seal.v1",
+    MessageType.COSIGNATURE: b"wp.cos.seal.v1",
 }
 
 

@@ -32,7 +32,7 @@ class Channel:
     name: str
     pattern: str  # with <node> and <cmd_id> as the seed writes them
     direction: Direction
-    envelope_type: int
+    envelope_type: int | None  # None: a query, in no envelope
     content: str  # message of package waypoint.v1 that is sealed inside
     rate_hz: float | None  # None: as people order
     delivery: Delivery
@@ -77,7 +77,31 @@ STATUS = Channel(
     recorded=False,
     says="What the node says of itself, once a second and on change; upkeep, not an effect.",
 )
-CHANNELS = (ORDERS, ACKS, STATUS)
+COSIGNATURES = Channel(
+    name="cosignatures",
+    pattern=f"{PREFIX}/cosign/<node>",
+    direction=Direction.IN,
+    envelope_type=5,
+    content="CheckpointCosignature",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class="outcome",
+    recorded=True,
+    says="A witness's signature under a checkpoint that the node published.",
+)
+PROOFS = Channel(
+    name="proofs",
+    pattern=f"{PREFIX}/proof/<node>",
+    direction=Direction.IN,
+    envelope_type=None,
+    content="ConsistencyRequest",
+    rate_hz=2.0,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="A query, answered with a ConsistencyAnswer; hashes only, so neither is sealed or signed.",
+)
+CHANNELS = (ORDERS, ACKS, STATUS, COSIGNATURES, PROOFS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +125,16 @@ def ack_key(node: str, command_id: str) -> str:
 def status_key(node: str) -> str:
     """Key that `node` publishes its status on."""
     return f"{PREFIX}/status/{node}"
+
+
+def cosign_key(node: str) -> str:
+    """Key that cosignatures for `node` are published on."""
+    return f"{PREFIX}/cosign/{node}"
+
+
+def proof_key(node: str) -> str:
+    """Key that `node` answers queries for consistency proofs on."""
+    return f"{PREFIX}/proof/{node}"
 
 
 def orders_of(node: str) -> str:

@@ -835,3 +835,51 @@ class SealRefused(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SealRefused: _TypeAlias = SealRefused  # noqa: Y015
+
+@_typing.final
+class CheckpointCosigned(_message.Message):
+    """A witness on the ground has seen this log grow in order up to a checkpoint, and has signed that."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    WITNESS_FIELD_NUMBER: _builtins.int
+    ORIGIN_FIELD_NUMBER: _builtins.int
+    SIZE_FIELD_NUMBER: _builtins.int
+    ROOT_FIELD_NUMBER: _builtins.int
+    COSIGNED_AT_S_FIELD_NUMBER: _builtins.int
+    CHECKPOINT_FIELD_NUMBER: _builtins.int
+    TOKEN_FIELD_NUMBER: _builtins.int
+    origin: _builtins.str
+    """The log: waypoint/<deployment>/<node>/<flight number>."""
+    size: _builtins.int
+    """Records under the checkpoint."""
+    root: _builtins.bytes
+    """Root of the tree over them, 32 bytes."""
+    cosigned_at_s: _builtins.int
+    """The witness's clock when it cosigned, in seconds since 1970."""
+    checkpoint: _builtins.str
+    """The checkpoint as it was cosigned: a signed note with the one line of this witness under it (C2SP tlog-cosignature)."""
+    token: _builtins.bytes
+    """The witness's IdentityToken, a SignedDoc, for a later proof."""
+    @_builtins.property
+    def witness(self) -> _common_pb2.Issuer:
+        """Who cosigned, as its token says it."""
+
+    def __init__(
+        self,
+        *,
+        witness: _common_pb2.Issuer | None = ...,
+        origin: _builtins.str | None = ...,
+        size: _builtins.int | None = ...,
+        root: _builtins.bytes | None = ...,
+        cosigned_at_s: _builtins.int | None = ...,
+        checkpoint: _builtins.str | None = ...,
+        token: _builtins.bytes | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["checkpoint", b"checkpoint", "cosigned_at_s", b"cosigned_at_s", "origin", b"origin", "root", b"root", "size", b"size", "token", b"token", "witness", b"witness"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["checkpoint", b"checkpoint", "cosigned_at_s", b"cosigned_at_s", "origin", b"origin", "root", b"root", "size", b"size", "token", b"token", "witness", b"witness"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CheckpointCosigned: _TypeAlias = CheckpointCosigned  # noqa: Y015

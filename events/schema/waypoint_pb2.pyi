@@ -146,7 +146,7 @@ class EnvelopeHeader(_message.Message):
     DEPLOYMENT_ID_FIELD_NUMBER: _builtins.int
     BODY_COMMITMENT_FIELD_NUMBER: _builtins.int
     type: _builtins.int
-    """1 order, 2 ack, 3 status, 4 event checkpoint; binds the payload's type."""
+    """1 order, 2 ack, 3 status, 4 event checkpoint, 5 cosignature; binds the payload's type."""
     key_expr: _builtins.str
     """Exact key that it is published on."""
     owner_principal_id: _builtins.str
@@ -216,7 +216,7 @@ class SealedBody(_message.Message):
     order_seq: _builtins.int
     """Running number of the order, constant over re-publishes."""
     content: _builtins.bytes
-    """Encoded DeviceCommand, CommandAck or NodeStatus."""
+    """Encoded DeviceCommand, CommandAck, NodeStatus or CheckpointCosignature."""
     def __init__(
         self,
         *,
@@ -821,6 +821,8 @@ class NodeStatus(_message.Message):
     LOG_KEY_FIELD_NUMBER: _builtins.int
     NOT_RECORDING_FIELD_NUMBER: _builtins.int
     DISK_SHORT_FIELD_NUMBER: _builtins.int
+    COSIGNED_SIZE_FIELD_NUMBER: _builtins.int
+    COSIGNED_BY_FIELD_NUMBER: _builtins.int
     at_ms: _builtins.int
     """Node's clock, milliseconds since 1970."""
     flight_id: _builtins.bytes
@@ -855,6 +857,10 @@ class NodeStatus(_message.Message):
     """Why this node records nothing, and so takes no orders; absent while it records."""
     disk_short: _builtins.str
     """What stands in the way of more free space, in words; absent while there is enough."""
+    cosigned_size: _builtins.int
+    """Records of the open flight under the newest checkpoint that a witness cosigned; absent where none did."""
+    cosigned_by: _builtins.str
+    """Principal of that witness; absent where none did."""
     @_builtins.property
     def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___CameraStatus]:
         """Cameras and who holds them."""
@@ -890,14 +896,108 @@ class NodeStatus(_message.Message):
         log_key: _builtins.str | None = ...,
         not_recording: _builtins.str | None = ...,
         disk_short: _builtins.str | None = ...,
+        cosigned_size: _builtins.int | None = ...,
+        cosigned_by: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "disk_short", b"disk_short", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "disk_short", b"disk_short", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___NodeStatus: _TypeAlias = NodeStatus  # noqa: Y015
+
+@_typing.final
+class ConsistencyRequest(_message.Message):
+    """Asks a node whether its log only grew between two checkpoints. It is neither sealed nor signed; it asks for hashes."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FLIGHT_NUMBER_FIELD_NUMBER: _builtins.int
+    OLD_SIZE_FIELD_NUMBER: _builtins.int
+    NEW_SIZE_FIELD_NUMBER: _builtins.int
+    flight_number: _builtins.int
+    """Flight, by its number on the node."""
+    old_size: _builtins.int
+    """Records under the older checkpoint, at least 1."""
+    new_size: _builtins.int
+    """Records under the newer checkpoint, more than under the older."""
+    def __init__(
+        self,
+        *,
+        flight_number: _builtins.int | None = ...,
+        old_size: _builtins.int | None = ...,
+        new_size: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flight_number", b"flight_number", "new_size", b"new_size", "old_size", b"old_size"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["flight_number", b"flight_number", "new_size", b"new_size", "old_size", b"old_size"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ConsistencyRequest: _TypeAlias = ConsistencyRequest  # noqa: Y015
+
+@_typing.final
+class ConsistencyAnswer(_message.Message):
+    """Answers it. It is neither sealed nor signed: two signed checkpoints are what it is held against."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    FLIGHT_NUMBER_FIELD_NUMBER: _builtins.int
+    OLD_SIZE_FIELD_NUMBER: _builtins.int
+    NEW_SIZE_FIELD_NUMBER: _builtins.int
+    OLD_ROOT_FIELD_NUMBER: _builtins.int
+    PATH_FIELD_NUMBER: _builtins.int
+    flight_number: _builtins.int
+    """As asked."""
+    old_size: _builtins.int
+    """As asked."""
+    new_size: _builtins.int
+    """As asked."""
+    old_root: _builtins.bytes
+    """Root over the first old_size records, 32 bytes: where it is not the signed one, the path shows the contradiction."""
+    @_builtins.property
+    def path(self) -> _containers.RepeatedScalarFieldContainer[_builtins.bytes]:
+        """Consistency path (RFC 9162, section 2.1.4.1), hashes of 32 bytes."""
+
+    def __init__(
+        self,
+        *,
+        flight_number: _builtins.int | None = ...,
+        old_size: _builtins.int | None = ...,
+        new_size: _builtins.int | None = ...,
+        old_root: _builtins.bytes | None = ...,
+        path: _abc.Iterable[_builtins.bytes] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["flight_number", b"flight_number", "new_size", b"new_size", "old_root", b"old_root", "old_size", b"old_size", "path", b"path"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["flight_number", b"flight_number", "new_size", b"new_size", "old_root", b"old_root", "old_size", b"old_size", "path", b"path"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ConsistencyAnswer: _TypeAlias = ConsistencyAnswer  # noqa: Y015
+
+@_typing.final
+class CheckpointCosignature(_message.Message):
+    """A witness's word on a checkpoint, sealed."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CHECKPOINT_FIELD_NUMBER: _builtins.int
+    checkpoint: _builtins.str
+    """The checkpoint as the node published it, with the witness's line under its signature (C2SP tlog-cosignature)."""
+    def __init__(
+        self,
+        *,
+        checkpoint: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["checkpoint", b"checkpoint"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["checkpoint", b"checkpoint"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CheckpointCosignature: _TypeAlias = CheckpointCosignature  # noqa: Y015
 
 @_typing.final
 class DropCount(_message.Message):

@@ -107,7 +107,7 @@ def test_numbers_that_are_given_stay_given() -> None:
         "position_reported": 48, "gimbal_reported": 49, "frame_observed": 60, "eyes_changed": 61,
         "sightings_classified": 70, "poi_opened": 71, "item_ignored": 72, "camera_taken": 73, "poi_joined": 74,
         "sighting_muted": 75, "poi_left": 76, "log_recovered": 100, "log_damaged": 101, "disk_full": 102,
-        "flight_deleted": 103, "log_key_certified": 120, "seal_refused": 121,
+        "flight_deleted": 103, "log_key_certified": 120, "seal_refused": 121, "checkpoint_cosigned": 122,
     }  # fmt: skip
     check_equal({name: kind_named(name).number for name in given}, given)
 

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 
 from autopilot.cli import export, verify
-from autopilot.ground import verifier
+from autopilot.ground import consistency, verifier
+from autopilot.ground import papers as papers_module
 from autopilot.ground.verifier import ANSWERS, ProofRefused, check
 from autopilot.node.sealing import CERTIFICATE_FILE
 from autopilot.trust import documents, pae
@@ -200,7 +201,7 @@ def test_documents_are_held_to_what_they_ask_for() -> None:
     check_document(documents.sign(pae.TRUST_ROOT, root, [one]), "fewer keys than it needs")
     check_document(documents.sign(pae.TRUST_ROOT, root, [one, one]), "not known, or twice")
     whole = documents.sign(pae.TRUST_ROOT, root, [one, two])
-    assert verifier._trust_root(whole) == ("coast-watch", LOG_KEY.public)
+    assert papers_module.trust_root_of(whole) == ("coast-watch", LOG_KEY.public)
     check_document(whole + whole[:2], "order|ends within")
     signed = SignedDoc.FromString(whole)
     first, *rest = signed.sigs
@@ -208,14 +209,16 @@ def test_documents_are_held_to_what_they_ask_for() -> None:
     check_document(turned, "out of order")
     token = IdentityToken(deployment_id="inland", principal_id="wasp-01", kind=PrincipalKind.NODE)
     with pytest.raises(ProofRefused, match="of another deployment"):
-        verifier._token(documents.sign(pae.IDENTITY_TOKEN, token, [one]), "coast-watch", one.public)
+        papers_module.principal_of(
+            documents.sign(pae.IDENTITY_TOKEN, token, [one]), "coast-watch", one.public, kinds=(papers_module.NODE,)
+        )
     assert verifier._root_from(bytes(32), 0, 2, []) is None
 
 
 def check_document(document: bytes, because: str) -> None:
     """Check that a trust root is refused for a reason."""
     with pytest.raises(ProofRefused, match=because):
-        verifier._trust_root(document)
+        papers_module.trust_root_of(document)
 
 
 def test_what_nobody_signed_has_no_proof() -> None:
@@ -242,14 +245,15 @@ def test_replay_holds_the_log_against_its_checkpoints() -> None:
 
 def test_the_verifier_stands_alone() -> None:
     """It imports the standard library and one verification; and it knows every kind that answers an effect."""
-    source = source_of("verifier.py", Path(verifier.__file__).read_text(encoding="utf-8"))
-    found = {
-        line.split()[1].split(".")[0] for line in source.text.splitlines() if line.startswith(("import ", "from "))
-    }
-    assert found - {"__future__", *sys.stdlib_module_names} == {"nacl"}
+    found = set[str]()
+    for module in (verifier, papers_module, consistency):
+        source = source_of("verifier.py", Path(module.__file__ or "").read_text(encoding="utf-8"))
+        lines = [line for line in source.text.splitlines() if line.startswith(("import ", "from "))]
+        found |= {line.split()[1] for line in lines if line.split()[1].split(".")[0] not in sys.stdlib_module_names}
+    assert found == {"nacl.exceptions", "nacl.signing", "autopilot.ground.papers"}
     fields = {kind.number: kind.message.DESCRIPTOR.fields_by_name.get("effect_seq") for kind in KINDS}
     assert {number: field.number for number, field in fields.items() if field is not None} == ANSWERS
-    assert PrincipalKind.NODE == verifier.NODE
+    assert PrincipalKind.NODE == papers_module.NODE
 
 
 def test_an_answer_is_bound_to_its_effect() -> None:

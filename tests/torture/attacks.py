@@ -20,8 +20,9 @@ from random import Random
 from typing import Any, NamedTuple
 
 from autopilot.ground.examiner import judge
+from autopilot.ground.kept import Kept
 from autopilot.ground.sealed import Anchor, Found
-from autopilot.ground.witness import Kept, Witness
+from autopilot.ground.witness import Witness
 from autopilot.node.sealing import CERTIFICATE_FILE, KEY_FILE
 from autopilot.trust.keys import SignKey
 from autopilot.trust.replayed import VERDICT_FILE
@@ -111,13 +112,13 @@ def kept_by_a_witness(work: Path, drone: Drone) -> list[Kept]:
     """Return what a witness has kept after each status that was published."""
     wasp, found = people().wasp, []
     (work / "operator").mkdir()
-    witness = Witness(work / "operator")
+    witness = Witness(work / "operator", wasp.deployment_id)
     for status in drone.said:
-        wrong = witness.see(wasp.deployment_id, wasp.principal_id, wasp.public_key, status)
-        kept = witness.kept(wasp.deployment_id, wasp.principal_id, wasp.public_key)
-        assert (wrong, kept is None) == ("", False)
-        if kept is not None:
-            found.append(kept)
+        wrong = witness.see(wasp.principal_id, wasp.public_key, status)
+        chain = witness.newest(wasp.principal_id, wasp.public_key)
+        assert (wrong, chain is None) == ("", False)
+        if chain is not None:
+            found.append(chain.newest)
     return found
 
 

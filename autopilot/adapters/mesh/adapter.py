@@ -16,15 +16,16 @@ from google.protobuf.message import Message
 from autopilot.adapters.mesh.link import Link, Wire
 from autopilot.adapters.mesh.orders import Locate, Order, order_malformed, order_received, read_order
 from autopilot.adapters.mesh.outbox import ACK_PATIENCE_S, Answer, Outbox
+from autopilot.adapters.mesh.witnesses import CosignatureDoor, ProofDoor
 from autopilot.ports.config import MeshSection
-from autopilot.ports.edges import Clock, InputClass, Offer
+from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Offer, Proving
 from autopilot.trust.envelope import MessageType, Packer
 from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import Random
 from autopilot.trust.tally import Tally
 from autopilot.trust.verdict import Malformed, Rejected
-from autopilot.wire.keys import order_address, orders_of
+from autopilot.wire.keys import cosign_key, order_address, orders_of, proof_key
 from events.schema.flight_pb2 import ClockQuality
 from events.schema.orders_pb2 import AckResult as RecordedResult
 from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
@@ -47,12 +48,15 @@ class MeshAdapter:
         wire: Wire | None = None,
         random: Random = os.urandom,
         refusal: Callable[[], str] = lambda: "busy: this node takes no orders just now",
+        proving: Proving | None = None,
+        judge: CosignatureJudge | None = None,
     ) -> None:
         """Make the adapter; `start` opens the session.
 
         `locate` works out a Place; `offer` hands observations to the node and is called on
         Zenoh's thread and on the outbox's; `refusal` is what to say where it refuses an order.
-        `wire` replaces the Zenoh link in tests.
+        `wire` replaces the Zenoh link in tests. With `proving` and `judge` those who watch the
+        log find doors of their own (`witnesses`).
         """
         self._identity = identity
         self._clock = clock
@@ -70,10 +74,17 @@ class MeshAdapter:
         )
         self._outbox = Outbox(identity.principal_id, self._wire, Packer(identity, clock, random), clock, offer)
         self._taken: Counter[str] = Counter()
+        self._proofs = ProofDoor(clock, proving) if proving else None
+        self._cosignatures = CosignatureDoor(identity, clock, judge, offer) if judge else None
 
     def start(self) -> None:
         """Open the session and listen; returns at once, also when no router answers yet."""
-        self._wire.subscribe(orders_of(self._identity.principal_id), self.receive)
+        node = self._identity.principal_id
+        self._wire.subscribe(orders_of(node), self.receive)
+        if self._cosignatures is not None:
+            self._wire.subscribe(cosign_key(node), self._cosignatures.receive)
+        if self._proofs is not None:
+            self._wire.answer(proof_key(node), self._proofs.receive)
         self._outbox.start()
         self._wire.start()
 
@@ -128,6 +139,8 @@ class MeshAdapter:
     def take_rejections(self) -> dict[str, int]:
         """Return the rejections since the last call by reason, sorted, none of them 0."""
         totals = Counter(self._gate.tally().rejected)
+        for door in (self._proofs, self._cosignatures):
+            totals.update(door.rejected() if door is not None else {})
         fresh = totals - self._taken
         self._taken = totals
         return dict(sorted(fresh.items()))

@@ -10,6 +10,8 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import islice
 from typing import Literal, Protocol
 
 import zenoh
@@ -17,7 +19,12 @@ import zenoh
 RX_MESSAGE_BYTES_MAX = 1_048_576  # Zenoh would gather fragments of one message up to 1 GiB
 SESSIONS_MAX = 64  # a peer's or router's own bound on who may connect
 
+ANSWERS_MAX = 8  # answers to one question that are looked at; anybody on the mesh may give one
+ANSWER_BYTES_MAX = 4096  # a consistency path among 2^63 records is shorter
+
 Receive = Callable[[str, bytes], None]
+Reply = Callable[[bytes], None]
+Answer = Callable[[bytes, Reply], None]
 
 
 class LinkDown(Exception):
@@ -35,6 +42,12 @@ class Wire(Protocol):
 
     def subscribe(self, key_expr: str, receive: Receive) -> None:
         """Call `receive(key, payload)` for every sample, from a thread of the link's."""
+
+    def answer(self, key_expr: str, receive: Answer) -> None:
+        """Call `receive(question, reply)` for every question on a key, from a thread of the link's."""
+
+    def ask(self, key_expr: str, question: bytes, timeout_s: float) -> list[bytes]:
+        """Return what is answered within `timeout_s`, by whomever; nothing without a link."""
 
     def start(self) -> None:
         """Begin to connect; returns at once."""
@@ -94,6 +107,7 @@ class Link:
         self._settings = (mode, tuple(connect), tuple(listen), reconnect_ms)
         self._reconnect_s = reconnect_ms / 1000
         self._subscriptions: list[tuple[str, Receive]] = []
+        self._answerers: list[tuple[str, Answer]] = []
         self._declared: list[object] = []  # Zenoh undeclares a subscriber that nobody holds
         self._session: zenoh.Session | None = None
         self._lock = threading.Lock()
@@ -150,6 +164,36 @@ class Link:
             if self._session is not None:
                 self._declared.append(_declare(self._session, key_expr, receive))
 
+    def answer(self, key_expr: str, receive: Answer) -> None:
+        """Call `receive(question, reply)` for every question on `key_expr`; `reply` may be called later, once."""
+        with self._lock:
+            self._answerers.append((key_expr, receive))
+            if self._session is not None:
+                self._declared.append(_declare_answerer(self._session, key_expr, receive))
+
+    def ask(self, key_expr: str, question: bytes, timeout_s: float) -> list[bytes]:
+        """Ask all who answer on `key_expr`; return their answers, those too long and too many left out.
+
+        It waits until all have answered or declined, at most `timeout_s`.
+        """
+        session = self._session
+        if session is None:
+            return []
+        channel: zenoh.handlers.FifoChannel[zenoh.Reply] = zenoh.handlers.FifoChannel(ANSWERS_MAX)
+        try:
+            replies = session.get(
+                key_expr,
+                channel,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,  # else one answer a key is left, and not the node's
+                timeout=timeout_s,
+                payload=question,
+            )
+            found = [reply.ok.payload.to_bytes() for reply in islice(replies, ANSWERS_MAX) if reply.ok is not None]
+        except zenoh.ZError:
+            return []
+        return [answer for answer in found if len(answer) <= ANSWER_BYTES_MAX]
+
     def _open(self) -> None:
         while not self._stopped.is_set():
             try:
@@ -159,6 +203,7 @@ class Link:
                 continue
             with self._lock:
                 self._declared += [_declare(session, *subscription) for subscription in self._subscriptions]
+                self._declared += [_declare_answerer(session, *answerer) for answerer in self._answerers]
                 self._session = session
             if self._stopped.is_set():
                 session.close()  # type: ignore[no-untyped-call]
@@ -170,3 +215,16 @@ def _declare(session: zenoh.Session, key_expr: str, receive: Receive) -> object:
         receive(str(sample.key_expr), sample.payload.to_bytes())
 
     return session.declare_subscriber(key_expr, on_sample)
+
+
+def _declare_answerer(session: zenoh.Session, key_expr: str, receive: Answer) -> object:
+    def on_query(query: zenoh.Query) -> None:
+        payload = query.payload
+        receive(payload.to_bytes() if payload is not None else b"", lambda answer: _reply(query, key_expr, answer))
+
+    return session.declare_queryable(key_expr, on_query)
+
+
+def _reply(query: zenoh.Query, key_expr: str, answer: bytes) -> None:
+    with suppress(zenoh.ZError), query:  # whoever asked may be gone
+        query.reply(key_expr, answer)

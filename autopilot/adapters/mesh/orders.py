@@ -65,7 +65,7 @@ def order_received(opened: Opened[Order]) -> OrderReceived:
     """Make the observation of an order that could be read."""
     message, order = opened.message, opened.value
     observation = OrderReceived(
-        issuer=_issuer(message),
+        issuer=issuer_of(message),
         command_id=order.command_id,
         body_digest=digest(opened.content),
         target_public_key=order.target_public_key,
@@ -97,7 +97,7 @@ def order_malformed(malformed: Malformed) -> OrderMalformed:
     message = malformed.message
     address = order_address(message.key_expr)
     return OrderMalformed(
-        issuer=_issuer(message),
+        issuer=issuer_of(message),
         command_id=address.command_id if address else "",
         because=malformed.because,
         in_reply_to=message.digest,
@@ -149,7 +149,8 @@ def _at_angles(command: DeviceCommand) -> PointAtAnglesOrder:
     )
 
 
-def _issuer(message: Sealed) -> Issuer:
+def issuer_of(message: Sealed) -> Issuer:
+    """Return who stands behind a message, as its token says it."""
     sender = message.sender
     return Issuer(
         principal_id=sender.principal_id,

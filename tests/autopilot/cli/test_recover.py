@@ -135,14 +135,14 @@ def test_nothing_can_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The same words as `check`, and where the copy is."""
+    """The same words about the log as `check`, which judges its signatures as well, and where the copy is."""
     folder = story_on_disk(tmp_path)
     changed(folder, f"UPDATE record SET body = zeroblob(9) WHERE seq = {STARTS[20]}")
     run(replay, ["replay", "check", str(folder)])
     checked = capsys.readouterr().out
     assert run(replay, ["replay", "recover", str(folder), str(tmp_path / "out")]) == 65
     out = capsys.readouterr().out
-    assert out.startswith(checked)
+    assert out.splitlines()[:2] == checked.splitlines()[:2]
     assert f"copied: records 0 to {STARTS[20] - 1} to {tmp_path / 'out'}" in out
     assert f"left out: records {STARTS[20] + 1} to 115 can be read" in out
     assert out.endswith(f"lost: records {STARTS[20]}\n")

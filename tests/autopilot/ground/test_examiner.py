@@ -11,8 +11,8 @@ import pytest
 
 from autopilot.ground import examiner, sealed
 from autopilot.ground.examiner import anchor_of, judge
+from autopilot.ground.kept import Kept
 from autopilot.ground.sealed import Anchor, Judged, judge_flight
-from autopilot.ground.witness import Kept
 from autopilot.node.sealing import CERTIFICATE_FILE, KEY_FILE
 from autopilot.trust.documents import DocumentError
 from autopilot.trust.identity import TOKEN_FILE

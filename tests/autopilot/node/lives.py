@@ -64,7 +64,7 @@ def terminate(_edges: FakeEdges) -> None:
 
 def live(config: Config, monkeypatch: pytest.MonkeyPatch, on_start: Act, on_stop: Act = nothing) -> int:
     """Run a daemon to its end and return its exit code."""
-    monkeypatch.setattr(daemon_module, "make_edges", lambda *_: FakeEdges(on_start, on_stop))
+    monkeypatch.setattr(daemon_module, "make_edges", lambda *_, **__: FakeEdges(on_start, on_stop))
     monkeypatch.setattr(daemon_module, "resume", lambda *_: None)
 
     async def run() -> int:

@@ -13,9 +13,12 @@ import pytest
 from autopilot.node.board import Board
 from autopilot.node.flights import Flights
 from autopilot.node.sealing import CERTIFICATE_FILE, EVERY_RECORDS, KEY_FILE, Sealer
+from autopilot.ports.edges import InputClass
+from autopilot.trust.cosignatures import cosign, cosigned, parted
 from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE
 from autopilot.trust.notes import Checkpoint, LogKey, open_note, read_checkpoint, read_log_key, sign_note
-from events.schema.flight_pb2 import CLOSE_STOPPED, InputsDropped
+from events.schema.common_pb2 import Issuer
+from events.schema.flight_pb2 import CLOSE_STOPPED, CheckpointCosigned, InputsDropped
 from events.store import SqliteStore, StoreFailed, flights_in, read_flight
 from events.tree import Tree
 from replay.verify import verify
@@ -281,6 +284,41 @@ def test_the_status_carries_the_newest_checkpoint(start: Start) -> None:
     sealing = node.session.sealing
     assert sealing is not None
     assert (said.log_checkpoint, said.log_key) == (sealing.newest, sealing.certificate)
+
+
+def test_a_cosignature_is_kept_once_it_is_durable(start: Start) -> None:
+    """Record, then keep; the status names size and witness, and a start remembers."""
+    node, alice = start(), people().alice
+    node.turn()
+    sealing = node.session.sealing
+    assert sealing is not None
+    text, bare, _ = parted(sealing.newest)
+    note = cosigned(bare, [cosign(text, "waypoint/coast-watch/alice", alice.sign_key, 5)])
+    said = CheckpointCosigned(witness=Issuer(principal_id="alice"), origin=certified_origin(node), size=4)
+    said.checkpoint = note
+    assert node.inbox.offer(InputClass.OUTCOME, said)
+    node.turn()
+    assert node.session.store.checkpoints() == [(4, bare)]
+    node.turn(after_ms=150)
+    assert (node.kinds()[-1], node.session.store.checkpoints()) == ("checkpoint_cosigned", [(4, note)])
+    check_shown(node)
+    node.kill()
+    again = start()
+    check_shown(again)
+    assert again.session.sealing is not None
+    assert (again.session.sealing.refusal, again.session.sealing.newest) == ("", bare)
+
+
+def certified_origin(node: Node) -> str:
+    """Return the name of the open log."""
+    return certified(node.session.flight.folder).origin
+
+
+def check_shown(node: Node) -> None:
+    """Check that the status names the newest cosigned checkpoint."""
+    board = Board(lambda: 5)
+    board.follow(node.session)
+    assert (board.node_status().cosigned_size, board.node_status().cosigned_by) == (4, "alice")
 
 
 def test_a_checkpoint_that_can_not_be_stored_is_not_published(start: Start) -> None:

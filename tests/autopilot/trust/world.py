@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from autopilot.adapters.mesh.link import LinkDown
+from autopilot.adapters.mesh.link import Answer, LinkDown
 from autopilot.ground import directory
 from autopilot.trust import documents, pae
 from autopilot.trust.envelope import MessageType, seal, sealing_key, signature_input
@@ -56,6 +56,9 @@ class FakeWire:
     refuses: bool = False
     puts: list[tuple[str, bytes, bool]] = field(default_factory=list)
     subscriptions: dict[str, Callable[[str, bytes], None]] = field(default_factory=dict)
+    answerers: dict[str, Answer] = field(default_factory=dict)
+    answers: list[bytes] = field(default_factory=list)
+    asked: list[tuple[str, bytes]] = field(default_factory=list)
 
     def linked(self) -> bool:
         """Say whether it is up."""
@@ -70,6 +73,15 @@ class FakeWire:
     def subscribe(self, key_expr: str, receive: Callable[[str, bytes], None]) -> None:
         """Remember who listens."""
         self.subscriptions[key_expr] = receive
+
+    def answer(self, key_expr: str, receive: Answer) -> None:
+        """Remember who answers."""
+        self.answerers[key_expr] = receive
+
+    def ask(self, key_expr: str, question: bytes, timeout_s: float) -> list[bytes]:
+        """Give the answers that are laid ready."""
+        self.asked.append((key_expr, question))
+        return self.answers
 
     def start(self) -> None:
         """Nothing to open."""
