@@ -55,5 +55,8 @@ def meant(recorded_logic: int, recorded: Sequence[Stored], replayed: Sequence[Re
 
 
 def _same_when_lifted(stored: Stored, record: Record) -> bool:
-    header = stored.seq, stored.cause, stored.at
-    return header == (record.seq, record.cause, record.at) and said(stored) == said(record)
+    return (
+        0 < stored.version < record.version
+        and (stored.seq, stored.cause, stored.at) == (record.seq, record.cause, record.at)
+        and said(stored) == said(record)
+    )

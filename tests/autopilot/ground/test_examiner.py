@@ -27,7 +27,7 @@ from tests.autopilot.trust.world import people
 from tests.flights import position
 from tests.torture.attacks import kept_by_a_witness
 from tests.torture.flying import Drone, nothing
-from tests.torture.forging import CERTIFIED, Log, logs_in
+from tests.torture.forging import CERTIFIED, Log, bodied, logs_in
 
 WASP = people().wasp
 ANCHOR = Anchor(WASP.deployment_id, WASP.principal_id, WASP.public_key)
@@ -44,10 +44,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Kept]]:
         drone.fly(6)
         drone.end()
     drone.fly(6)
-    drone.tell(position(1, 1), after_ms=30_000)
-    drone.tell(position(2, 1), after_ms=100)
-    drone.tell(position(3, 1), after_ms=12_000)
-    drone.tell(position(4, 1), after_ms=100)
+    for number, after_ms in enumerate((30_000, 100, 12_000, 100), start=1):
+        drone.tell(position(number, 1), after_ms=after_ms)
     drone.session.store.close()
     return work / "flights", kept_by_a_witness(work, drone)
 
@@ -74,11 +72,6 @@ def rewritten(root: Path, number: int, change: Callable[[Log], object]) -> Log:
     log.chain()
     log.write(head=True)
     return log
-
-
-def bodied(log: Log, seq: int, body: bytes) -> None:
-    """Give a record another body."""
-    log.rows[seq] = log.rows[seq]._replace(body=body)
 
 
 def live_key(root: Path) -> SignKey:
