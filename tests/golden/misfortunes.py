@@ -74,7 +74,7 @@ def failing() -> Flight:
 
 
 def poisoned() -> Flight:
-    """An order of the baseline is in a state that no chart has: its repeats fail, in safe mode too, and are answered."""
+    """An order of the baseline is in a state that no chart has: repeats fail, in safe mode too, and are answered."""
     head, *rest = opened_well()
     strange = CarriedOrder(principal_id="alpha", command_id="a", chart_state=STRANGE, keep_ms=2**64 - 1)
     flight = Flight(head, BaselineCarried(state=CarriedState(orders=[strange])), *rest)
