@@ -1,0 +1,117 @@
+"""A sample of the matrix, and that the matrix can fail: an environment that decides otherwise, or is not what it says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.golden.table import DIGESTS
+from tests.torture import matrix
+from tests.torture.interpreters import installed, present, requirements
+from tests.torture.matrix import Cell, Found, cells_of, counts, differing, fly, make_locales, sampled, take
+
+EXPECTED: dict[str, Any] = json.loads(DIGESTS.read_text(encoding="utf-8"))
+HERE = present()
+SAMPLE = (Cell(HERE, "1", "masked", "Pacific/Chatham"), Cell(HERE, "2", optimise=True))
+
+
+def answer(cell: Cell, **changes: str) -> dict[str, Any]:
+    """Return what a cell prints where all is well, with changes of what it saw."""
+    zone = cell.zone
+    seen = {
+        "python": cell.interpreter.name,
+        "protobuf": cell.protobuf,
+        "asserts": str(not cell.optimise),
+        "hash": cell.hash_seed,
+        "zone": matrix.ZONES[zone],
+        "half": matrix.HALF[matrix.PLACES[zone]],
+        "sha256_us": {"all": "100", "masked": "300"}[cell.cpu],
+    }
+    return {"environment": seen | changes, "results": EXPECTED}
+
+
+def check_found(found: Found, different: int, unlike: int) -> None:
+    """Check how many differences and how many settings without effect were found."""
+    assert (len(found.different), len(found.unlike)) == (different, unlike), found
+
+
+@pytest.fixture(scope="module")
+def locales(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the locale that has a comma."""
+    return make_locales(tmp_path_factory.mktemp("locales"))
+
+
+@pytest.mark.parametrize("cell", SAMPLE, ids=lambda cell: cell.name)
+def test_a_cell_comes_to_what_is_written(cell: Cell, locales: Path) -> None:
+    """Every decision, deadline, state, bundle and verdict, in a process of its own; and its settings bite."""
+    found = Found()
+    take(found, cell, fly(cell, locales))
+    check_found(found, 0, 0)
+    assert found.hashes[cell.hash_seed] != {str(hash("a golden flight"))}
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value"),
+    [
+        ("charts", "", "other"),
+        ("flown", "story", "other"),
+        ("flown", "seed 40", None),
+        *(("replayed", "chance", {**EXPECTED["replayed"]["chance"], key: "other"}) for key in ("state", "deadlines")),
+    ],
+)
+def test_whatever_differs_is_found(part: str, name: str, value: Any) -> None:
+    """In any part, also where it is missing."""
+    other = {**EXPECTED, part: {**EXPECTED[part], name: value} if name else value}
+    assert differing(other, EXPECTED) == [f"{part} {name}"]
+    found = Found()
+    take(found, SAMPLE[0], answer(SAMPLE[0]) | {"results": other})
+    check_found(found, 1, 0)
+
+
+@pytest.mark.parametrize("seen", ["python", "protobuf", "asserts", "zone", "half"])
+def test_a_setting_that_does_not_bite_is_found(seen: str) -> None:
+    """A cell that is not what it is called proves nothing."""
+    found = Found()
+    take(found, SAMPLE[0], answer(SAMPLE[0], **{seen: "other"}))
+    check_found(found, 0, 1)
+    assert f"{seen} is other" in found.unlike[0]
+
+
+@pytest.mark.parametrize(("second", "changes"), [("2", {"hash": "1"}), ("2", {"sha256_us": "120"})])
+def test_seeds_and_masks_that_change_nothing_are_found(second: str, changes: dict[str, str]) -> None:
+    """Two seeds with one hash; a masked CPU that is as quick as the whole."""
+    honest, bad = Found(), Found()
+    for found, seen in ((honest, {}), (bad, changes)):
+        take(found, Cell(HERE, "1"), answer(Cell(HERE, "1")))
+        take(found, Cell(HERE, second, "masked"), answer(Cell(HERE, second, "masked"), **seen))
+    assert counts(honest)["cells"] == 2
+    with pytest.raises(AssertionError):
+        counts(bad)
+
+
+def test_the_cells_are_the_whole_product() -> None:
+    """Five seeds, two CPUs, two places, two protobufs; a sample follows from its seed."""
+    cells = cells_of(HERE)
+    assert len({cell.name for cell in cells}) == len(cells) == 5 * 2 * 2 * 2 + 2
+    assert sampled(cells, 3, 1) == sampled(cells, 3, 1) != sampled(cells, 3, 2)
+    assert len(sampled(cells, matrix.FULL, 1)) == len(cells)
+    assert cells[0].environ(Path("x"))["PATH"] != ""
+    assert [line.split(">")[0] for line in requirements(("apsw", "h3"))] == ["apsw", "h3"]
+    assert HERE.version in [one.version for one in installed()]
+
+
+def test_a_run_stops_at_a_difference(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The first cell that comes to something else fails the run."""
+    told: list[str] = []
+    monkeypatch.setattr(matrix, "BUILD", tmp_path)
+    monkeypatch.setattr(matrix, "installed", lambda: [HERE])
+    monkeypatch.setattr(matrix, "with_packages", lambda one: one)
+    monkeypatch.setattr(matrix, "fly", lambda cell, _: answer(cell))
+    assert matrix.run(9, 1, told.append)["cells"] == len(told) == 9
+    for wrong in ({"results": {**EXPECTED, "charts": ""}}, {"environment": answer(SAMPLE[0])["environment"]}):
+        monkeypatch.setattr(matrix, "fly", lambda cell, _, wrong=wrong: answer(cell) | wrong)
+        with pytest.raises(AssertionError):
+            matrix.run(9, 1, told.append)
