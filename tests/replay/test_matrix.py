@@ -1,4 +1,4 @@
-"""A sample of the matrix, and that the matrix can fail: an environment that decides otherwise, or is not what it says."""
+"""A sample of the matrix; and that it can fail: where an environment decides otherwise, or is not what it says."""
 
 from __future__ import annotations
 
