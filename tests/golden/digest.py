@@ -1,4 +1,4 @@
-"""What a flight comes to when it is run again, as a few digests: decisions, deadlines, state, bundle, verdict.
+"""What a flight comes to when it is run again, as a few digests: decisions, deadlines, states, bundle, verdict.
 
 The loop here is its own and shares only the core with `replay.verify`: the verifier is not its own judge. It needs
 none of the packages that the daemon needs.
@@ -47,18 +47,19 @@ def replayed(rows: Iterable[Stored], state: State) -> Iterator[tuple[tuple[Recor
 
 
 def digests(path: Path) -> dict[str, str]:
-    """Return what a flight comes to."""
+    """Return what a flight comes to; the whole state is taken in after every step."""
     rows, words = rows_of(path)
-    state, decisions, dues = State(), sha256(), sha256()
+    state, decisions, dues, states = State(), sha256(), sha256(), sha256()
     for records, due in replayed(rows, state):
         for record in records[1:]:
             decisions.update(line_of(record).encode())
         dues.update(f"{due}\n".encode())
+        states.update(text_of_state(state).encode())
     bundle = json_text(build([read_record(row) for row in rows]))
     return {
         "decisions": decisions.hexdigest(),
         "deadlines": dues.hexdigest(),
-        "state": sha256(text_of_state(state).encode()).hexdigest(),
+        "states": states.hexdigest(),
         "bundle": sha256(bundle.encode()).hexdigest(),
         "verdict": words,
     }

@@ -59,7 +59,7 @@ def test_a_cell_comes_to_what_is_written(cell: Cell, locales: Path) -> None:
         ("charts", "", "other"),
         ("flown", "story", "other"),
         ("flown", "seed 40", None),
-        *(("replayed", "chance", {**EXPECTED["replayed"]["chance"], key: "other"}) for key in ("state", "deadlines")),
+        *(("replayed", "chance", {**EXPECTED["replayed"]["chance"], key: "other"}) for key in ("states", "deadlines")),
     ],
 )
 def test_whatever_differs_is_found(part: str, name: str, value: Any) -> None:
