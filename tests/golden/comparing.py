@@ -54,5 +54,5 @@ def _different_fields(mine: Any, theirs: Any, path: str = "") -> Iterator[tuple[
             yield f"{path} (length)", len(mine), len(theirs)
         for index, (one, other) in enumerate(zip(mine, theirs, strict=False)):
             yield from _different_fields(one, other, f"{path}[{index}]")
-    elif mine != theirs or type(mine) is not type(theirs):
+    elif mine != theirs:
         yield path, mine, theirs

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.golden.table import DIGESTS
-from tests.torture import matrix
-from tests.torture.interpreters import installed, present, requirements
+from tests.torture import interpreters, matrix
+from tests.torture.interpreters import Interpreter, NoPackages, installed, present, requirements, with_packages
 from tests.torture.matrix import Cell, Found, cells_of, counts, differing, fly, make_locales, sampled, take
 
 EXPECTED: dict[str, Any] = json.loads(DIGESTS.read_text(encoding="utf-8"))
 HERE = present()
+OLD = 'echo \'[[3, 10, 9], "/somewhere", "GCC"]\''
+NEW = OLD.replace("10, 9", "14, 0")
 SAMPLE = (Cell(HERE, "1", "masked", "Pacific/Chatham"), Cell(HERE, "2", optimise=True))
 
 
@@ -115,3 +118,47 @@ def test_a_run_stops_at_a_difference(monkeypatch: pytest.MonkeyPatch, tmp_path: 
         monkeypatch.setattr(matrix, "fly", lambda cell, _, wrong=wrong: answer(cell) | wrong)
         with pytest.raises(AssertionError):
             matrix.run(9, 1, told.append)
+
+
+def test_an_interpreter_without_wheels_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Its cells are not run, which is said, and nothing half installed is left to be believed the next time."""
+    newer = Interpreter((3, 99, 0), "none", "python3.99")
+    ran: list[list[str]] = []
+
+    def failing(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        ran.append(command)
+        return subprocess.CompletedProcess(command, returncode=1)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(interpreters, "BUILD", tmp_path)
+        patch.setattr(subprocess, "run", failing)
+        with pytest.raises(NoPackages, match=r"3\.99"):
+            with_packages(newer)
+    assert list(tmp_path.iterdir()) == []
+    assert {"3.99", *requirements(interpreters.NEEDED)} < set(ran[0])
+    monkeypatch.setattr(matrix, "BUILD", tmp_path)
+    monkeypatch.setattr(matrix, "installed", lambda: [HERE, newer])
+    monkeypatch.setattr(matrix, "with_packages", lambda one: one if one is HERE else failing_of(one))
+    monkeypatch.setattr(matrix, "fly", lambda cell, _: answer(cell))
+    counted = matrix.run(5, 1, lambda _: None)
+    assert (counted["cells"], counted["interpreters_not_run"]) == (5, {newer.name: "none"})
+
+
+def failing_of(interpreter: Interpreter) -> Interpreter:
+    """Find no wheels."""
+    raise NoPackages(interpreter.compiler)
+
+
+def test_only_what_starts_is_an_interpreter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A file that is called like one and does not start, says nothing, or is too old, is none."""
+    for name, script in (("python3.11", "exit 1"), ("python3.12", "echo x"), ("python3.13", OLD), ("python3.x", NEW)):
+        file = tmp_path / name
+        file.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
+        file.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("PYENV_ROOT", str(tmp_path))
+    assert installed() == []
+    newest = tmp_path / "versions" / "3.14.0" / "bin"
+    newest.mkdir(parents=True)
+    (tmp_path / "python3.x").rename(newest / "python3.14")
+    assert installed() == [Interpreter((3, 14, 0), "GCC", "/somewhere")]
