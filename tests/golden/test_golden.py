@@ -199,6 +199,6 @@ def test_the_text_of_a_state_is_all_of_it() -> None:
     for stranger in (0.5, {1}, [1], object()):
         with pytest.raises(TypeError, match="has no place in the state"):
             text_of(stranger)
-    state.frame = stranger
+    state.frame = stranger  # type: ignore[assignment]
     with pytest.raises(TypeError, match="frame is no table"):
         text_of_state(state)
