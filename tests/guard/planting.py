@@ -27,6 +27,7 @@ SINS = {
     "list({'a', 'b'})": f"{HANDS} list",
     "tuple(map(len, {'a', 'b'}))": f"{HANDS} map",
     "','.join({'a', 'b'})": f"{HANDS} str.join",
+    "'{all_of}'.format(all_of={'a', 'b'})": f"{HANDS} str.format",
     "sorted({'a', 'b'}, key=len)": f"{HANDS} sorted",
     "min({'a', 'b'}, key=len)": f"{HANDS} min",
     "dict.fromkeys({'a', 'b'})": f"{HANDS} dict.fromkeys",
