@@ -27,30 +27,27 @@ _OUTSIDE = ("events/store/", "projections/store.py")
 
 
 class Watch:
-    """Notes what the core calls while it is on. One a process: an audit hook stays for good."""
+    """Notes what the core calls while it is on, and what it reaches from then on: an audit hook stays for good."""
 
     def __init__(self, seen: Seen) -> None:
         self._seen = seen
-        self._on = False
         sys.addaudithook(self._audited)
 
     @contextmanager
     def on(self) -> Iterator[None]:
         """Watch for the length of a block."""
-        self._on = True
         sys.setprofile(self._profiled)
         try:
             yield
         finally:
             sys.setprofile(None)
-            self._on = False
 
     def _profiled(self, frame: FrameType, event: str, called: Any) -> None:
         if event == "c_call" and (name := _banned(called)):
             self._note(frame, f"{CALLS} {name}")
 
     def _audited(self, event: str, _given: tuple[Any, ...]) -> None:
-        if self._on and event.startswith(AUDITED):
+        if event.startswith(AUDITED):
             self._note(sys._getframe(1), f"{REACHES}: {event}")
 
     def _note(self, frame: FrameType | None, what: str) -> None:
@@ -63,7 +60,7 @@ class Watch:
 def is_core_file(file: str) -> bool:
     """Say whether a file belongs to the core."""
     path = path_of(file)
-    return path.startswith(_FOLDERS) and not path.startswith(_OUTSIDE) and not path.endswith("_pb2.py")
+    return path.startswith(_FOLDERS) and not path.startswith(_OUTSIDE)
 
 
 def _banned(called: Any) -> str:
