@@ -17,16 +17,20 @@ from pathlib import Path
 from typing import Any
 
 from tests.house import REPO
-from tests.torture import faults, kills, powercut
+from tests.torture import attacks, faults, kills, matrix, powercut, rot, witness
 
 RESULTS = Path(__file__).with_name("results")
 Report = Callable[[str], None]
 Run = Callable[[int | None, int, Report], dict[str, Any]]
 # Each is given how often (None: the full count), the first seed, and whom to tell how far it is.
 AREAS: dict[str, Run] = {
+    "attacks": attacks.run,
     "faults": faults.run,
     "kills": kills.run,
+    "matrix": matrix.run,
     "powercut": powercut.run,
+    "rot": rot.run,
+    "witness": witness.run,
 }
 
 

@@ -26,7 +26,6 @@ from events.store.head import NAME as HEAD
 from events.store.head import SLOT_APART
 from tests.torture.rotting import WAL, Bench, Whole, recorded, scratch
 
-FULL = None
 BLOCKS = (512, 4096)
 Change = Mapping[str, bytes | None]
 
@@ -121,7 +120,7 @@ def _exchanged(name: str, whole: Whole, file: str, size: int) -> Area:
     return Area(name, whole, len(pairs), case)
 
 
-def run(count: int | None, seed: int, report: Callable[[str], None], jobs: int = 1) -> dict[str, Any]:
+def run(count: int | None, seed: int, report: Callable[[str], None], jobs: int = 2) -> dict[str, Any]:
     """Try `count` cases of each area, all of them for None, in so many processes; return the counts and the reasons."""
     work = scratch("rot")
     live, settled = recorded(work, seed)

@@ -1,9 +1,8 @@
 """Nodes that lie about their logs, before a witness that hears some of what they say; and what proofs cost.
 
-`run(histories, records)` makes seeded nodes that grow, restart, roll back, fork, answer garbage or nothing, and checks
-what the witness may never do: call an honest node a liar, count as proven what does not go on from what was proven, or
-miss a contradiction between two checkpoints that it was given the proofs of. `records` is the length of the log on
-which the node's proofs are timed.
+`run` makes seeded nodes that grow, restart, roll back, fork, answer garbage or nothing, and checks what the witness may
+never do: call an honest node a liar, count as proven what does not go on from what was proven, or miss a contradiction
+between two checkpoints that it was given the proofs of.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ from __future__ import annotations
 import random
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,18 +24,24 @@ from events.store import create_flight
 from tests.autopilot.ground.logs import NODE, Log
 from tests.autopilot.trust.world import people
 
-FULL = {"histories": 2000, "records": 1_000_000}
+HISTORIES, RECORDS, PROOFS = 2_000, 1_000_000, 200
 STEPS = 25
 BATCH = 2000
 
 
-def run(histories: int, records: int, seed: int = 1, proofs: int = 200) -> dict[str, Any]:
-    """Torture a witness; return what was counted. Raises AssertionError where a promise is broken."""
+def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str, Any]:
+    """Torture a witness with so many histories; return what was counted. Raises AssertionError: a promise is broken.
+
+    Only the full run (None) times proofs over a long log.
+    """
+    histories = HISTORIES if count is None else count
     counts = Counter[str]()
     for number in range(histories):
         with TemporaryDirectory(prefix="witness-") as folder, patch("autopilot.ground.kept.write_file", _written):
             counts.update(_history(Path(folder), random.Random(seed * 1_000_003 + number)))
-    timed = _timed(records, proofs) if records else {}
+        if number % 100 == 0:
+            report(f"{number} of {histories} histories")
+    timed = _timed(RECORDS, PROOFS) if count is None else {}
     return {"histories": histories, "seed": seed, **dict(sorted(counts.items())), **timed}
 
 
