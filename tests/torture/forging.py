@@ -201,8 +201,3 @@ def _bare(record: Record) -> Stored:
 def logs_in(root: Path) -> list[Log]:
     """Return every log below a folder that can be read, oldest first."""
     return [Log.read(flight) for flight in flights_in(root)]
-
-
-def bodied(log: Log, seq: int, body: bytes) -> None:
-    """Give a record another body."""
-    log.rows[seq] = log.rows[seq]._replace(body=body)
