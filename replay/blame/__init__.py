@@ -40,16 +40,24 @@ def blame(
     tests: dict[Cause, Callable[[], Finding]] = {
         Cause.ENVIRONMENT: lambda: environment(case, elsewhere),
         Cause.REORDERED: lambda: reordered(case),
-        Cause.UPCAST: lambda: upcast(case),
         Cause.MISSING: lambda: missing(case),
+        Cause.UPCAST: lambda: upcast(case),
         Cause.CONFIGURATION: lambda: configuration(case),
         Cause.CODE: lambda: code(case, software),
     }
+    findings: list[Finding] = []
     try:
-        return chosen([_tried(case, cause, test, tell) for cause, test in tests.items()])
+        for cause, test in tests.items():
+            proved = any(finding.weight is Weight.PROVED for finding in findings)
+            findings.append(_not_asked(cause) if proved else _tried(case, cause, test, tell))
     finally:
         if again is None:
             elsewhere.close()
+    return chosen(findings)
+
+
+def _not_asked(cause: Cause) -> Finding:
+    return Finding(cause, Weight.NOT_APPLICABLE, "not looked into: there is proof of another cause")
 
 
 def _tried(case: Case, cause: Cause, test: Callable[[], Finding], tell: Tell | None) -> Finding:

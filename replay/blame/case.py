@@ -187,7 +187,7 @@ class Case:
 
     def weight(self, run: Run | None) -> Weight:
         """Return what a run says for its hypothesis."""
-        if run is None or len(run.differing) >= len(self.baseline.differing):
+        if run is None or 2 * len(run.differing) > len(self.baseline.differing) - 1:
             return Weight.NOTHING
         return Weight.STEP if run.differing else Weight.WHOLE
 

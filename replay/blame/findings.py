@@ -5,7 +5,7 @@ Every hypothesis is tried, and each says what was tried and what that showed. Th
 1. `PROVED`: a fact that only this cause leaves behind (the same step comes out in two ways; time runs backwards).
 2. `DIFFERS`: the manifest says that what decided then is not what decides now.
 3. `WHOLE`: with one thing changed, everything that was looked at comes out as it was recorded.
-4. `STEP`: with one thing changed this step comes out as recorded, but others do not.
+4. `STEP`: with one thing changed this step comes out as recorded, and at least half of those that differ behind it.
 5. `SUSPECTED`: it had a part in the step, and nothing more is known.
 6. `LEFT`: what remains when nothing else explains it.
 
@@ -26,8 +26,8 @@ class Cause(Enum):
     ENVIRONMENT = "environment"
     REORDERED = "reordered input"  # an input at another place or another moment than where the node acted on it
     UPCAST = "upcast"
-    MISSING = "missing input"
     CONFIGURATION = "configuration"
+    MISSING = "missing input"
     CODE = "code"
 
 

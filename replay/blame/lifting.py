@@ -66,7 +66,9 @@ class _Search:
         self.kinds = list(samples)
         ours, recorded = self.case.decided(), said(self.case.group.decisions)
         for kind, sample in samples.items():
-            for reading in _readings(kind, sample):
+            stored = self.case.lifting.unlifted(sample)
+            assert stored is not None
+            for reading in _readings(kind, sample, stored):
                 change = _reader(self.case.lifting, kind, reading.change)
                 self.best.tried += 1
                 there = self.case.decided(change)
@@ -116,13 +118,16 @@ def _reader(lifting: Lifting, kind: str, change: Change) -> Callable[[Record], R
     return read
 
 
-def _readings(kind: str, sample: Record) -> Iterator[Reading]:
+def _readings(kind: str, sample: Record, stored: Message) -> Iterator[Reading]:
     yield Reading(f"{kind} as it was stored", lambda message, stored: message.CopyFrom(stored))
-    paths = list(_paths(sample.message))
+    paths = list(dict.fromkeys([*_paths(sample.message), *_paths(stored)]))
     for path in paths:
         name = f"{kind}.{'.'.join(path)}"
         yield Reading(f"{name} as it was stored", _restored(path))
         yield Reading(f"{name} left out", _left_out(path))
+        if type(_value(sample.message, path)) is bool:
+            yield Reading(f"{name} turned round", _turned(path))
+            yield Reading(f"{name} as it was stored, turned round", _turned(path, stored=True))
         if _is_number(sample.message, path):
             for up, down in SCALES:
                 scale = f"times {up}" + f"/{down}" * (down > 1)
@@ -152,8 +157,12 @@ def _parents(message: Message, path: Path) -> list[Message]:
     return [parent for entry in entries for parent in _parents(entry, path[1:])]
 
 
+def _value(message: Message, path: Path) -> object:
+    return getattr(_parents(message, path)[0], path[-1])
+
+
 def _is_number(message: Message, path: Path) -> bool:
-    return type(getattr(_parents(message, path)[0], path[-1])) is int
+    return type(_value(message, path)) is int
 
 
 def _restored(path: Path) -> Change:
@@ -182,6 +191,16 @@ def _scaled(path: Path, up: int, down: int, *, stored: bool = False) -> Change:
         for parent in _parents(message, path):
             if parent.HasField(path[-1]):
                 setattr(parent, path[-1], getattr(parent, path[-1]) * up // down)
+
+    return change
+
+
+def _turned(path: Path, *, stored: bool = False) -> Change:
+    def change(message: Message, old: Message) -> None:
+        if stored:
+            _restored(path)(message, old)
+        for parent in _parents(message, path):
+            setattr(parent, path[-1], not getattr(parent, path[-1]))
 
     return change
 

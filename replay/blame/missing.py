@@ -13,9 +13,8 @@ from hashlib import sha256
 from google.protobuf.message import Message
 
 from events import NO_CAUSE, Record, make_record
-from events.schema.common_pb2 import Moved, Place
+from events.schema.common_pb2 import Place
 from events.schema.eyes_pb2 import FrameObserved
-from events.schema.findings_pb2 import SightingsClassified
 from events.schema.flight_pb2 import NodeStarted, OriginSet, TimePassed
 from events.schema.orders_pb2 import AckPublished, OrderReceived
 from events.schema.vehicle_pb2 import (
@@ -26,6 +25,7 @@ from events.schema.vehicle_pb2 import (
     VehicleLinkChanged,
 )
 from replay.blame.case import Case, Group, copied, copy_of
+from replay.blame.facts import missing_facts
 from replay.blame.findings import Cause, Finding, Weight
 from replay.blame.search import Best, Idea
 from statecharts import State
@@ -37,44 +37,14 @@ _RESULTS = (0, 5, 3, 4)  # MAV_RESULT accepted, in progress, unsupported, failed
 
 def missing(case: Case) -> Finding:
     """Look for facts, then put inputs in just before the step, then earlier."""
-    fact = next(_facts(case), None)
-    if fact is not None:
-        return Finding(Cause.MISSING, Weight.PROVED, fact)
-    best = Best()
     state = case.at()
-    if not best.take(case, _put_in(case, state)):
-        best.take(case, _put_in_earlier(case, tuple(best.partly)))
-    spoken = next(_spoken_of(case, state), None)
-    if best.weight < Weight.WHOLE and spoken is not None:
-        return Finding(Cause.MISSING, Weight.WHOLE, spoken, best.tried, best.stopped)
+    fact = next(missing_facts(case, state), None)
+    if fact is not None:
+        return Finding(Cause.MISSING, *fact)
+    best = Best()
+    if not best.take(case, _put_in(case, state)) and not best.take(case, _put_in_earlier(case, tuple(best.partly))):
+        best.take(case, _orders_earlier(case, state))
     return best.finding(Cause.MISSING, f"no fact speaks for it; {best.tried} inputs put in explain nothing")
-
-
-def _facts(case: Case) -> Iterator[str]:
-    """Yield decisions that were made on an observation that is not there."""
-    moments = {group.observation.at for group in case.groups}
-    for decision in case.group.decisions:
-        if decision.at not in moments:
-            yield f"record {decision.seq} was decided at a moment at which nothing was observed"
-        elif decision.cause != case.seq:
-            yield f"record {decision.seq} follows from record {decision.cause}, which is no observation before it"
-
-
-def _spoken_of(case: Case, state: State) -> Iterator[str]:
-    """Yield what the recorded decisions speak of and no record before them brought."""
-    brought = case.group.observation.message
-    own = f"{brought.issuer.principal_id}/{brought.command_id}" if isinstance(brought, OrderReceived) else ""
-    highest = len(state.objects)
-    for decision in case.group.decisions:
-        match decision.message:
-            case Moved(chart="command", instance=key) if key not in state.orders and key != own:
-                yield f"record {decision.seq} moves order {key}, which no record brought"
-            case Moved(chart="poi", instance=key) if key not in state.pois:
-                yield f"record {decision.seq} moves question {key}, which no record opened"
-            case SightingsClassified(sightings=sightings):
-                known = [one for one in sightings if one.diff == 2 and one.object > highest]
-                for one in known:
-                    yield f"record {decision.seq} meets object {one.object} again, which no record put on the map"
 
 
 def _put_in(case: Case, state: State) -> Iterator[Idea]:
@@ -91,6 +61,15 @@ def _put_in_earlier(case: Case, partly: Sequence[Idea]) -> Iterator[Idea]:
             assert idea.put_in is not None
             told = f"{idea.words.split(', put in')[0]}, put in before record {group.observation.seq}"
             yield Idea(told, (_ghost(group, idea.put_in), *case.groups[place:]), case.at(place=place))
+
+
+def _orders_earlier(case: Case, state: State) -> Iterator[Idea]:
+    """Yield orders that came earlier: what became of them depends on when they came."""
+    for place in range(case.place - 1, max(case.place - EARLIER, 0), -1):
+        group = case.groups[place]
+        for words, message in _of_orders(case, state):
+            told = f"{words}, put in before record {group.observation.seq}"
+            yield Idea(told, (_ghost(group, message), *case.groups[place:]), case.at(place=place), message)
 
 
 def _ghost(before: Group, message: Message) -> Group:
@@ -150,6 +129,7 @@ def _of_orders(case: Case, state: State) -> Iterator[tuple[str, Message]]:
         words = f"an order like that of record {record.seq}"
         yield f"{words} before it", _order(asked, command_id=asked.command_id, nonce=_fresh(asked))
         yield f"{words}, the same envelope", copy_of(asked)
+        yield f"{words}, another body", _order(asked, body_digest=_fresh(asked), nonce=_fresh(asked))
         other = _order(asked, command_id="", nonce=_fresh(asked), order_seq=asked.order_seq + 1)
         yield f"{words}, a newer one", other
         stranger = _order(asked, command_id="", nonce=_fresh(asked))

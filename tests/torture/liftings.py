@@ -122,11 +122,13 @@ UPCASTS = (
         {
             "forgotten": _nothing,
             "north forgotten": _scale(f"{_PLACE}.east_mm", 10),
-            "exchanged": lambda frame: [
-                *(_scale(f"{_PLACE}.{name}", 10)(frame) for name in ("east_mm", "north_mm")),
-                _swap(f"{_PLACE}.east_mm", "north_mm")(frame),
-            ]
-            and None,
+            "exchanged": lambda frame: (
+                [
+                    *(_scale(f"{_PLACE}.{name}", 10)(frame) for name in ("east_mm", "north_mm")),
+                    _swap(f"{_PLACE}.east_mm", "north_mm")(frame),
+                ]
+                and None
+            ),
         },
     ),
     Upcast(
@@ -203,9 +205,5 @@ def right(chance: Random, records: Sequence[Record]) -> Lifting:
     """Return a lifting of one kind that is as it should be."""
     upcast = chance.choice(UPCASTS)
     return Lifted(
-        {
-            record.seq: _turned(record.message, upcast.lower)
-            for record in records
-            if record.kind.name == upcast.kind
-        }
+        {record.seq: _turned(record.message, upcast.lower) for record in records if record.kind.name == upcast.kind}
     )

@@ -114,7 +114,11 @@ def missing(chance: Random, number: int) -> tuple[str, list[Record], Lifting]:
     """Leave an observation out of the log that the node acted on; every fifth with its decisions left in."""
     lost, stays = chance.randint(5, 60), number % 5 == 4
     flight = fly(chance, bounds(), lost=lost, decisions_stay=stays)
-    return f"{flight.lost} {lost}{', its decisions stay' if stays else ''}", flight.records, _noise(chance, flight.records)
+    return (
+        f"{flight.lost} {lost}{', its decisions stay' if stays else ''}",
+        flight.records,
+        _noise(chance, flight.records),
+    )
 
 
 def reordered(chance: Random, number: int) -> tuple[str, list[Record], Lifting]:
