@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from events.store import Reader
 from replay.blame.again import Again
-from replay.blame.case import RECORDS_MAX, Case, Lifting, Spent
+from replay.blame.case import Case, Lifting, Spent
 from replay.blame.code import code
 from replay.blame.configuration import configuration
 from replay.blame.environment import environment
@@ -37,15 +37,15 @@ def blame(
     """
     case = Case(reader, first, lifting or Lifting())
     elsewhere = again or Again()
+    findings: list[Finding] = []
     tests: dict[Cause, Callable[[], Finding]] = {
         Cause.ENVIRONMENT: lambda: environment(case, elsewhere),
         Cause.REORDERED: lambda: reordered(case),
         Cause.MISSING: lambda: missing(case),
         Cause.UPCAST: lambda: upcast(case),
         Cause.CONFIGURATION: lambda: configuration(case),
-        Cause.CODE: lambda: code(case, software),
+        Cause.CODE: lambda: code(case, software, lifted=_was_lifted(findings)),
     }
-    findings: list[Finding] = []
     try:
         for cause, test in tests.items():
             proved = any(finding.weight is Weight.PROVED for finding in findings)
@@ -56,6 +56,10 @@ def blame(
     return chosen(findings)
 
 
+def _was_lifted(findings: list[Finding]) -> bool:
+    return any(one.cause is Cause.UPCAST and one.weight is not Weight.NOT_APPLICABLE for one in findings)
+
+
 def _not_asked(cause: Cause) -> Finding:
     return Finding(cause, Weight.NOT_APPLICABLE, "not looked into: there is proof of another cause")
 
@@ -63,7 +67,7 @@ def _not_asked(cause: Cause) -> Finding:
 def _tried(case: Case, cause: Cause, test: Callable[[], Finding], tell: Tell | None) -> Finding:
     if tell is not None:
         tell(cause.value)
-    case.budget.give(RECORDS_MAX)
+    case.budget.give(case.seq)
     try:
         return test()
     except Spent:

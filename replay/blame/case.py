@@ -24,7 +24,8 @@ from statecharts.journal import Keyed
 
 WINDOW_BEFORE = 400  # records before the divergence within which inputs are exchanged and put in
 WINDOW_AFTER = 1_500  # records behind it that an explanation must hold for
-RECORDS_MAX = 600_000  # records that may be applied in all runs together
+RECORDS_MAX = 600_000  # records that the runs of one hypothesis may apply
+RUNS_AT_LEAST = 4  # from the beginning of the flight, however long it is
 _OBSERVATIONS = frozenset(kind.number for kind in KINDS if kind.role is Role.OBSERVATION)
 
 
@@ -35,7 +36,7 @@ class Spent(Exception):
 class Budget:
     """Counts the records that runs apply. Counted, not timed: the same log gets the same answer everywhere."""
 
-    def __init__(self, records: int = RECORDS_MAX) -> None:
+    def __init__(self, records: int) -> None:
         self._left = records
 
     def spend(self, records: int) -> None:
@@ -44,9 +45,9 @@ class Budget:
         if self._left < 0:
             raise Spent
 
-    def give(self, records: int) -> None:
-        """Grant another hypothesis its share."""
-        self._left = records
+    def give(self, length: int) -> None:
+        """Grant another hypothesis its share, for a divergence so far from the beginning."""
+        self._left = max(RECORDS_MAX, RUNS_AT_LEAST * (length + WINDOW_AFTER))
 
 
 class Lifting:
@@ -104,7 +105,7 @@ class Case:
 
     def __init__(self, reader: Reader, first: Divergence, lifting: Lifting) -> None:
         self.reader, self.first, self.lifting = reader, first, lifting
-        self.budget = Budget()
+        self.budget = Budget(2 * (reader.head.seq + WINDOW_AFTER))  # the case itself is made in any case
         self.seq = _observation_of(reader, first.seq)  # the observation of the step that differs
         start = _begin_of(reader, max(self.seq - WINDOW_BEFORE, 0))
         self.start = start
@@ -193,7 +194,7 @@ class Case:
 
     def held(self, weight: Weight) -> str:
         """Return how far an explanation was seen to hold, in words."""
-        if weight is Weight.WHOLE:
+        if weight >= Weight.FITTED:
             return "the rest of the flight too" if self.ends else f"and the {len(self.groups)} steps around it"
         return "but not everything behind it"
 

@@ -1,4 +1,6 @@
-"""Is it the code? The manifest says what decided then; where it says nothing of a difference, code is what is left.
+"""Whether it is the code.
+
+The manifest says what decided then; where it says nothing of a difference, code is what is left.
 
 Names the chart, and the row that was open then and is not now. It runs nothing.
 """
@@ -14,17 +16,21 @@ from replay.blame.findings import Cause, Finding, Weight
 from statecharts import CHARTS, LOGIC, charts_digest, step
 
 
-def code(case: Case, software: str | None) -> Finding:
-    """Hold the manifest against this software; `software` is this one's version, None where nobody knows it."""
+def code(case: Case, software: str | None, *, lifted: bool) -> Finding:
+    """Hold the manifest against this software; `software` is this one's version, None where nobody knows it.
+
+    `lifted`: older records were lifted, so other code is expected, and says less.
+    """
     opened = case.manifest
-    others = [
+    rules = [
         *([f"logic {opened.logic}, here {LOGIC}"] if opened.logic != LOGIC else []),
         *(["other rows of charts"] if opened.charts_digest != charts_digest() else []),
-        *([f"software {opened.software}, here {software}"] if software not in (None, opened.software) else []),
     ]
+    version = [f"software {opened.software}, here {software}"] if software not in (None, opened.software) else []
     where = _where(case)
-    if others:
-        return Finding(Cause.CODE, Weight.DIFFERS, f"recorded by other code ({', '.join(others)}); {where}")
+    if rules or version:
+        weight = Weight.DIFFERS if rules and not lifted else Weight.OLDER
+        return Finding(Cause.CODE, weight, f"recorded by other code ({', '.join(rules + version)}); {where}")
     words = "logic, rows and software are those of the recording, but a guard or a message may have been others, or"
     return Finding(Cause.CODE, Weight.LEFT, f"{words} the log was written by somebody else; {where}")
 

@@ -1,4 +1,4 @@
-"""Is it the configuration? One limit changed, the flight decided again from its beginning: does it come out?
+"""Whether it is the configuration: one limit changed, the flight decided again from its beginning.
 
 For each limit a few far values first: a limit with which the step does not change has no part in it. For those that
 have, values that the records imply (numbers in the decisions, spans of time between records), a ladder of multiples,
@@ -7,14 +7,15 @@ and the middle between neighbours of the ladder that lead to different decisions
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, cast
+from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
+from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import Message
 
 from events import Record
-from events.schema.flight_pb2 import FlightOpened, Limits
+from events.schema.flight_pb2 import FlightOpened, Limits, TimePassed
 from events.schema.orders_pb2 import OrderReceived
 from replay.blame.again import Decisions, said
 from replay.blame.case import Case, Spent, copy_of, with_message
@@ -40,8 +41,10 @@ LADDER = (
 )
 FAR = ((0, 1), (1, 2), (2, 1), (1000, 1))
 HALVINGS = 8  # of the gap between two neighbours that lead to different decisions
+FITS = 16  # values of one limit with which the step comes out, and the whole flight is run
+LATE_NS = 100_000_000  # time is told within a commit of when it is asked for; later, it was not asked for so
 SPANS = 24  # spans of time that the records imply, for one limit
-_FIELDS = {field.name: field for field in cast(Sequence[FieldDescriptor], Limits.DESCRIPTOR.fields)}
+_FIELDS = {field.name: field for field in Limits.DESCRIPTOR.fields}
 _MOST = {FieldDescriptor.TYPE_UINT32: 2**32 - 1, FieldDescriptor.TYPE_SINT32: 2**31 - 1}
 
 
@@ -98,8 +101,10 @@ class _Search:
     def _whole(self, name: str, field: FieldDescriptor) -> bool:
         """Return whether some value of a limit makes everything come out."""
         fits = [value for value in self._values(name, field) if self._answer(name, value) == self.recorded]
-        for value in fits:
-            if self._take(name, value):
+        for value in fits[:FITS]:
+            weight = self._take(name, value)
+            near = _rounded(value) if weight is Weight.FITTED and not _round(value) else ()
+            if weight is Weight.WHOLE or any(self._take(name, one) is Weight.WHOLE for one in near):
                 return True
         return False
 
@@ -114,7 +119,7 @@ class _Search:
         yield from _fitting(field, [*self._implied(), *small, *spans, value - 1, value + 1])
         ladder = sorted(_fitting(field, [value * up // down for up, down in LADDER]))
         yield from ladder
-        for low, high in zip(ladder, ladder[1:], strict=False):
+        for low, high in pairwise(ladder):
             yield from self._between(name, low, high)
 
     def _between(self, name: str, low: int, high: int) -> Iterator[int]:
@@ -147,16 +152,27 @@ class _Search:
         self.best.tried += 1
         return self.case.decided(_under(_with(self.limits, name, value)))
 
-    def _take(self, name: str, value: Any) -> bool:
-        """Take a value in that makes the step come out; return whether everything else does too."""
+    def _take(self, name: str, value: Any) -> Weight:
+        """Take a value in that makes the step come out; return what it says."""
         change = _under(_with(self.limits, name, value))
         groups = (*self.case.prefix(self.case.start), *self.case.groups)
         changed = [group._replace(observation=change(group.observation)) for group in groups]
         weight = self.case.weight(self.case.run(changed, State()))
+        if weight is Weight.WHOLE and not (_round(value) and self._in_time(change)):
+            weight = Weight.FITTED
         if weight > self.best.weight:
             words = f"{name} {_shown(value)} instead of {_shown(getattr(self.limits, name))}"
             self.best.weight, self.best.words = weight, f"{words}: comes out as recorded, {self.case.held(weight)}"
-        return weight is Weight.WHOLE
+        return weight
+
+    def _in_time(self, change: Callable[[Record], Record]) -> bool:
+        """Whether time passed when the core would have asked for it, where the step is one of time."""
+        observation = self.case.group.observation
+        if not isinstance(observation.message, TimePassed):
+            return True
+        now_ns = observation.at.flight_ns
+        passed = [at_ns for _, at_ns in self.case.before(self.case.seq, change).deadlines.items() if at_ns <= now_ns]
+        return now_ns - max(passed, default=0) < LATE_NS
 
 
 def _under(limits: Limits) -> Callable[[Record], Record]:
@@ -200,6 +216,20 @@ def _fitting(field: FieldDescriptor, values: Iterable[int]) -> list[int]:
     most = _MOST.get(field.type, 2**63 - 1)
     least = -most if field.type == FieldDescriptor.TYPE_SINT32 else 0
     return [value for value in dict.fromkeys(values) if least <= value <= most]
+
+
+def _round(value: Any) -> bool:
+    """Whether a person would write such a limit: two digits and zeros, or halves of thousands."""
+    if not isinstance(value, int) or isinstance(value, bool):
+        return True
+    return value % 500 == 0 or len(str(abs(value)).rstrip("0")) <= 2
+
+
+def _rounded(value: Any) -> Iterator[int]:
+    """Yield round values beside one."""
+    for digits in (1, 2):
+        unit = 10 ** max(len(str(abs(value))) - digits, 0)
+        yield from (value // unit * unit, value // unit * unit + unit)
 
 
 def _shown(value: Any) -> str:

@@ -1,4 +1,7 @@
-"""Is it the environment? The same step from the same state must come out the same, here and in another process."""
+"""Whether it is the environment.
+
+The same step from the same state must come out the same, here and in another process.
+"""
 
 from __future__ import annotations
 

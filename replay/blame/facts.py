@@ -61,7 +61,7 @@ def _moves(group: Group, state: State) -> Iterator[str]:
         key = change.chart, change.instance
         before = at.get(key) or _WHERE[change.chart](state, change.instance)
         if before is None and change.from_state != _INITIAL[change.chart]:
-            yield f"record {decision.seq} moves {change.chart} {change.instance}, of which the log does not speak before"
+            yield f"record {decision.seq} moves {change.chart} {change.instance}, which the log does not know before"
         elif before is not None and before != change.from_state:
             names = f"{change.chart} {change.instance} from {change.from_state}"
             yield f"record {decision.seq} moves {names}; by the log it was {before}"

@@ -3,11 +3,13 @@
 Every hypothesis is tried, and each says what was tried and what that showed. The strongest finding wins:
 
 1. `PROVED`: a fact that only this cause leaves behind (the same step comes out in two ways; time runs backwards).
-2. `DIFFERS`: the manifest says that what decided then is not what decides now.
+2. `DIFFERS`: the manifest says that the rows or the logic that decided then are not those that decide now.
 3. `WHOLE`: with one thing changed, everything that was looked at comes out as it was recorded.
-4. `STEP`: with one thing changed this step comes out as recorded, and at least half of those that differ behind it.
-5. `SUSPECTED`: it had a part in the step, and nothing more is known.
-6. `LEFT`: what remains when nothing else explains it.
+4. `OLDER`: the manifest names another version of the software, and no more than that.
+5. `FITTED`: as `WHOLE`, with a number that was fitted: a moment, or a limit that nobody would write so.
+6. `STEP`: with one thing changed this step comes out as recorded, and at least half of those that differ behind it.
+7. `SUSPECTED`: it had a part in the step, and nothing more is known.
+8. `LEFT`: what remains when nothing else explains it.
 
 Between equals the order of `Cause` decides: the hypothesis that could have been right in fewer ways comes first.
 """
@@ -39,9 +41,11 @@ class Weight(IntEnum):
     LEFT = 1
     SUSPECTED = 2
     STEP = 3
-    WHOLE = 4
-    DIFFERS = 5
-    PROVED = 6
+    FITTED = 4
+    OLDER = 5
+    WHOLE = 6
+    DIFFERS = 7
+    PROVED = 8
 
 
 @dataclass(frozen=True, slots=True)

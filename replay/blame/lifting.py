@@ -1,4 +1,6 @@
-"""Is it an upcast? Records that were lifted from an older version are read in other ways, and the flight run again.
+"""Whether it is an upcast.
+
+Records that were lifted from an older version are read in other ways, and the flight run again.
 
 Each kind that was lifted by itself: not lifted at all, then one field of it at a time taken from the body as it was
 stored, left out, scaled, negated, or exchanged with another. Where none of that explains the step, but the step

@@ -1,4 +1,6 @@
-"""Is an input missing? What the recorded decisions speak of must have been observed; else one input, put in, may do.
+"""Whether an input is missing.
+
+What the recorded decisions speak of must have been observed; else one input, put in, may do.
 
 What is put in is made of what the flight knows: deadlines that were waited for, effects without an outcome, answers
 that are owed, links, orders and frames like those that the log has elsewhere. It changes the state and is not logged,
@@ -26,7 +28,7 @@ from events.schema.vehicle_pb2 import (
 )
 from replay.blame.case import Case, Group, copied, copy_of
 from replay.blame.facts import missing_facts
-from replay.blame.findings import Cause, Finding, Weight
+from replay.blame.findings import Cause, Finding
 from replay.blame.search import Best, Idea
 from statecharts import State
 
@@ -99,9 +101,8 @@ def _of_effects(state: State) -> Iterator[tuple[str, Message]]:
             yield f"the vehicle's answer {result} to effect {seq}", answer
         for because in ("no answer", "no vehicle"):
             yield f"{because!r} to effect {seq}", CommandUnanswered(effect_seq=seq, attempts=1, because=because)
-    for seq, _ in state.owed_acks.items():
-        if seq >= 0:
-            yield f"that answer {seq} left", AckPublished(effect_seq=seq)
+    owed = [seq for seq, _ in state.owed_acks.items() if seq >= 0]  # below 0: those of the flight before
+    yield from ((f"that answer {seq} left", AckPublished(effect_seq=seq)) for seq in owed)
     for key, aim in state.aims.items():
         vehicle, gimbal = (int(part) for part in key.split("/"))
         if aim.effect_seq >= 0:

@@ -1,4 +1,4 @@
-"""Are inputs in the order, and at the moments, at which the node acted on them?
+"""Whether inputs are in the order, and at the moments, at which the node acted on them.
 
 Facts first: time of a flight never goes back, differs from the monotonic clock by the same amount for a whole boot,
 and a decision has the moment of its observation. Then counterfactuals: two neighbours exchanged, one input moved in
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 from events import Moment, Record
 from replay.blame.case import Case, Group
@@ -34,7 +35,7 @@ def reordered(case: Case) -> Finding:
 
 def _facts(case: Case) -> Iterator[str]:
     groups = case.groups[: case.place + 2]
-    for before, after in zip(groups, groups[1:], strict=False):
+    for before, after in pairwise(groups):
         one, other = before.observation, after.observation
         if other.at.flight_ns < one.at.flight_ns:
             yield f"time runs backwards from record {one.seq} to {other.seq}"
@@ -91,7 +92,7 @@ def _moves(case: Case) -> Iterator[Idea]:
             moved = _at(group, at_ns)
             by_ms = (at_ns - group.observation.at.flight_ns) // 1_000_000
             words = f"record {group.observation.seq} moved in time by {by_ms} ms"
-            yield Idea(words, (*case.groups[:place], moved, *case.groups[place + 1 :]))
+            yield Idea(words, (*case.groups[:place], moved, *case.groups[place + 1 :]), fitted=True)
 
 
 def _moments(case: Case, place: int, before: Group, after: Group | None) -> list[int]:

@@ -20,6 +20,7 @@ class Idea(NamedTuple):
     groups: Sequence[Group]
     state: State | None = None  # None: the state before the window
     put_in: Message | None = None  # what the idea adds
+    fitted: bool = False  # it has a number that was chosen to fit
 
 
 @dataclass
@@ -41,9 +42,11 @@ class Best:
                 weight = case.weight(run)
                 if run is not None and weight is not Weight.WHOLE:
                     self.partly.append(idea)
+                if weight is Weight.WHOLE and idea.fitted:
+                    weight = Weight.FITTED
                 if weight > self.weight:
                     self.weight, self.words = weight, f"{idea.words}: comes out as recorded, {case.held(weight)}"
-                if weight is Weight.WHOLE:
+                if weight >= Weight.FITTED:
                     return True
         except Spent:
             self.stopped = True

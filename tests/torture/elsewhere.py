@@ -21,15 +21,15 @@ from typing import NamedTuple
 import pytest
 
 from events import Moment, Record, kind_numbered, make_record
-from events.schema.flight_pb2 import FlightOpened
-from replay.blame import Again, Cause, blame
-from replay.blame.again import answer
+from replay.blame import blame
+from replay.blame.again import Again, answer
+from replay.blame.findings import Cause
 from replay.verify import verify
 from tests.flights import resealed
 from tests.house import REPO
 from tests.torture.mutations import SOFTWARE, first_seq
 from tests.torture.patches import ANOTHER_INTERPRETER, ENVIRONMENT, RECORDING, Patch
-from tests.torture.recorder import bounds, fly
+from tests.torture.recorder import bounds, fly, manifest_of
 
 MODULE = "tests.torture.elsewhere"
 RECORDS_WITH, JUDGES_WITH = 5, 6  # hash seeds
@@ -72,8 +72,7 @@ def _recorded(seed: int, turn: int) -> tuple[str, list[Row]]:
         fly(Random(f"{seed}/before"), bounds())  # what leaks from step to step leaks from flight to flight
         records = fly(Random(f"{seed}/environment/{turn}"), bounds()).records
     if name == ANOTHER_INTERPRETER:
-        opened = FlightOpened()
-        opened.CopyFrom(records[0].message)
+        opened = manifest_of(records)
         opened.python = "3.9.1"
         records[0] = make_record(0, records[0].cause, records[0].at, opened)
     return name, [(one.seq, one.cause, tuple(one.at), one.kind.number, one.body) for one in records]

@@ -101,6 +101,14 @@ def _parents(message: Any, above: Sequence[str]) -> list[Any]:
     return [parent for entry in entries for parent in _parents(entry, above[1:])]
 
 
+def _both(*changes: Change) -> Change:
+    def change(message: Any) -> None:
+        for one in changes:
+            one(message)
+
+    return change
+
+
 def _nothing(_message: Any) -> None:
     pass
 
@@ -117,17 +125,15 @@ UPCASTS = (
     Upcast(
         "places in centimetres",
         "frame_observed",
-        lambda frame: [_scale(f"{_PLACE}.{name}", 1, 10)(frame) for name in ("east_mm", "north_mm")] and None,
-        lambda frame: [_scale(f"{_PLACE}.{name}", 10)(frame) for name in ("east_mm", "north_mm")] and None,
+        _both(_scale(f"{_PLACE}.east_mm", 1, 10), _scale(f"{_PLACE}.north_mm", 1, 10)),
+        _both(_scale(f"{_PLACE}.east_mm", 10), _scale(f"{_PLACE}.north_mm", 10)),
         {
             "forgotten": _nothing,
             "north forgotten": _scale(f"{_PLACE}.east_mm", 10),
-            "exchanged": lambda frame: (
-                [
-                    *(_scale(f"{_PLACE}.{name}", 10)(frame) for name in ("east_mm", "north_mm")),
-                    _swap(f"{_PLACE}.east_mm", "north_mm")(frame),
-                ]
-                and None
+            "exchanged": _both(
+                _scale(f"{_PLACE}.east_mm", 10),
+                _scale(f"{_PLACE}.north_mm", 10),
+                _swap(f"{_PLACE}.east_mm", "north_mm"),
             ),
         },
     ),

@@ -16,9 +16,20 @@ from google.protobuf.message import Message
 
 from events import Record
 from events.schema.orders_pb2 import SendAck
-from statecharts import State, engine, journal
-from statecharts.charts import aim, camera, command, command_part, command_state, health, mapping, poi, poi_part
-from statecharts.charts import scan, scan_part
+from statecharts import CHARTS, State, engine, journal
+from statecharts.charts import (
+    aim,
+    camera,
+    command,
+    command_part,
+    command_state,
+    health,
+    mapping,
+    poi,
+    poi_part,
+    scan,
+    scan_part,
+)
 from statecharts.facts import MapObject, Poi, Scan, Spot
 from statecharts.table import Chart, Row
 
@@ -43,7 +54,7 @@ def _rows(chart: str, change: Callable[[Row[Any]], Row[Any] | None]) -> Patch:
         new = Chart(old.name, old.initial, old.states, old.terminal, old.triggers, rows)
         for module in MODULES[chart]:
             monkeypatch.setattr(module, "CHART", new)
-        monkeypatch.setattr(engine, "CHARTS", tuple(new if one is old else one for one in engine.CHARTS))
+        monkeypatch.setattr(engine, "CHARTS", tuple(new if one is old else one for one in CHARTS))
 
     return patch
 
@@ -90,7 +101,7 @@ def _said(chart: str, kind: type[Message], change: Callable[[Any], None]) -> Pat
                 return part
 
             def decide(state: State, record: Record) -> tuple[Message, ...]:
-                said = part.decide(state, record)
+                said: tuple[Message, ...] = part.decide(state, record)
                 for message in said:
                     if isinstance(message, kind):
                         change(message)

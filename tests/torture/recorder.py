@@ -100,9 +100,17 @@ def _tell_a_story(flight: Flight) -> None:
     flight.tell(flights.closed(), 1000)
 
 
+def manifest_of(records: Sequence[Record]) -> FlightOpened:
+    """Return a manifest like that of a log, to be changed."""
+    opened = FlightOpened()
+    recorded = records[0].message
+    assert isinstance(recorded, FlightOpened)
+    opened.CopyFrom(recorded)
+    return opened
+
+
 def under(records: Sequence[Record], limits: Limits) -> list[Record]:
     """Return a log whose manifest claims other limits."""
-    opened = FlightOpened()
-    opened.CopyFrom(records[0].message)
+    opened = manifest_of(records)
     opened.configuration.limits.CopyFrom(limits)
     return [make_record(0, NO_CAUSE, records[0].at, opened), *records[1:]]
