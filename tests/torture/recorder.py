@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from random import Random
 from typing import Any
 
@@ -61,7 +62,8 @@ class Recorder(Flight):
 def drawn(chance: Random) -> list[random_flights.Draw]:
     """Return what happens in a flight."""
     count = chance.randint(30, 70)
-    return [(chance.choice(WHATS), *(chance.randint(0, 5) for _ in range(3))) for _ in range(count)]  # type: ignore[misc]
+    number = partial(chance.randint, 0, 5)
+    return [(chance.choice(WHATS), number(), number(), number()) for _ in range(count)]
 
 
 def bounds(**changes: Any) -> Limits:
