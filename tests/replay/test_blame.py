@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from events import Record, make_record
+from events.schema.flight_pb2 import NodeStarted
 from replay.blame.findings import Cause, Weight
 from replay.verify import verify
 from tests.flights import (
@@ -139,6 +140,23 @@ def test_an_answer_to_a_repeat_that_came_once() -> None:
     flight.tell(point_at_place("a", roles=(), send=2), 100)
     records = without(flight.records, at(flight, "order_received"))
     check_blamed(records, Cause.MISSING, Weight.WHOLE, "answers order alpha/a as one that came before")
+
+
+def test_an_answer_to_an_order_that_never_came() -> None:
+    """A start gives owed answers again; the order that is answered is not in the log."""
+    flight = Flight()
+    flight.tell(point_at_place("a", roles=()), 100)
+    flight.tell(NodeStarted(boot_id="boot", start=2, outage_ns=1), 100)
+    records = without(flight.records, at(flight, "order_received"))
+    check_blamed(records, Cause.MISSING, Weight.WHOLE, "answers order alpha/a, which no record brought")
+
+
+def test_distances_that_were_never_right() -> None:
+    """They tell of other code, not of something that was not seen."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        BODIES["no square root"](monkeypatch)
+        records = sighted().records
+    check_blamed(records, Cause.CODE, Weight.LEFT, "sightings_classified")
 
 
 def test_an_object_that_was_never_seen() -> None:
