@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from events import Record, make_record
-from events.schema.flight_pb2 import NodeStarted
+from events.schema.flight_pb2 import FlightOpened, NodeStarted
 from replay.blame.findings import Cause, Weight
 from replay.verify import verify
 from tests.flights import (
@@ -235,6 +235,40 @@ def _far(record: Record) -> Any:
     message.CopyFrom(record.message)
     message.error_cdeg *= 100  # type: ignore[attr-defined]
     return message
+
+
+def test_a_lifting_that_no_other_reading_explains_is_suspected() -> None:
+    """The step changes with it, and that is all that is known."""
+    flight = pointed()
+    seq = at(flight, "gimbal_reported")
+    records = forged(flight, seq + 1, because="forged")
+    lifted = Lifted({seq: gimbal(-100, 100, at(flight, "point_at_place"), 8_000)})
+    words = "gimbal_reported was lifted and the step changes with gimbal_reported as it was stored"
+    found = check_blamed(records, Cause.UPCAST, Weight.SUSPECTED, words, lifting=lifted)
+    assert found.findings[0].result == "may explain it"
+
+
+def test_other_rows_say_less_where_records_were_lifted() -> None:
+    """Other code is expected there, so what explains everything counts for more."""
+    records = under(pointed(operator_hold_ms=45_000).records, limits())
+    opening = FlightOpened()
+    opening.ParseFromString(records[0].body)
+    opening.charts_digest = bytes(32)
+    records = changed(records, 0, opening)
+    check_blamed(records, Cause.CODE, Weight.DIFFERS, "other rows of charts")
+    lifted = Lifted({4: records[4].message})
+    check_blamed(records, Cause.CONFIGURATION, Weight.WHOLE, "operator_hold_ms 45000", lifting=lifted)
+
+
+def test_a_limit_that_explains_one_step_of_many_does_not_count() -> None:
+    """It must take away at least half of what differs behind."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        BODIES["role by name"](monkeypatch)
+        flight = Flight()
+        flight.tell(point_at_place("b", who="bravo"), 100)
+        for number in range(1, 5):
+            flight.tell(point_at_place(f"a{number}", order_seq=number, roles=("viewer",)), 100)
+    check_blamed(flight.records, Cause.CODE, Weight.LEFT, "guard role_missing")
 
 
 def test_a_lifting_that_has_no_part_is_not_blamed() -> None:

@@ -140,8 +140,9 @@ def _skewed(chance: Random, records: Sequence[Record], places: Sequence[int]) ->
     by_ns = chance.choice((-1, 1)) * chance.randrange(10 ** chance.choice((8, 9, 10, 11)))
     alone = chance.random() < 0.5
     at = records[place].at
+    by_ns = max(by_ns, -at.flight_ns)  # no clock goes below zero
     moved = at._replace(
-        flight_ns=max(at.flight_ns + by_ns, 0),
+        flight_ns=at.flight_ns + by_ns,
         mono_ns=at.mono_ns + by_ns * (not alone),
         wall_ns=at.wall_ns + by_ns * (not alone),
     )
