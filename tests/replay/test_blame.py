@@ -265,9 +265,9 @@ def test_a_limit_that_explains_one_step_of_many_does_not_count() -> None:
     with pytest.MonkeyPatch.context() as monkeypatch:
         BODIES["role by name"](monkeypatch)
         flight = Flight()
-        flight.tell(point_at_place("b", who="bravo"), 100)
+        flight.tell(point_at_place("a"), 100)
         for number in range(1, 5):
-            flight.tell(point_at_place(f"a{number}", order_seq=number, roles=("viewer",)), 100)
+            flight.tell(point_at_place(f"b{number}", order_seq=number, who="bravo", roles=("viewer",)), 100)
     check_blamed(flight.records, Cause.CODE, Weight.LEFT, "guard role_missing")
 
 

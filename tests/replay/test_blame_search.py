@@ -63,6 +63,14 @@ def test_this_process_decides_otherwise(monkeypatch: pytest.MonkeyPatch) -> None
     assert found.findings[0].words.startswith("decided 3 times from the same state in this process")
 
 
+def test_a_long_log_is_not_handed_to_another_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It says so, and nobody is asked."""
+    monkeypatch.setattr(sys.modules["replay.blame.environment"], "RECORDS_MAX", 5)
+    found = look(forged(story(), 20, because="forged"), again=Alike(1, 2, 3, 4))
+    words = next(one.words for one in found.findings if one.cause is Cause.ENVIRONMENT)
+    assert "too long a log for another process" in words
+
+
 def test_another_interpreter_is_suspected() -> None:
     """Where nothing else explains it; a manifest that does not say is no evidence."""
     records = changed(forged(story(), 20, because="forged"), 0, opened(python="2.7.18", platform="Plan9 mips"))
