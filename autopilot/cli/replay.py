@@ -14,6 +14,7 @@ from typing import Any
 from google.protobuf.message import DecodeError
 
 from autopilot.cli.bar import Bar
+from autopilot.cli.blaming import blamed, tell_blame
 from autopilot.cli.copies import tell_recovered
 from autopilot.cli.flight import USAGE, folder_of, with_flight
 from autopilot.trust.notes import NoteInvalid
@@ -39,9 +40,11 @@ examples:
 
 exit codes: 0 identical or sound, 65 the flight diverges or is damaged, 66 there is no such flight, 74 it can't be read
 """
+CAUSES_SHOWN = 12  # lines of a chain of causes: the report should fit on a screen
 _VERIFY = """\
 Check the chain of a flight's log, then run every observation through the same charts and compare every decision,
-field by field and byte for byte. A flight that is still open is verified up to its newest record.
+field by field and byte for byte. A flight that is still open is verified up to its newest record. Where a decision
+comes out otherwise, tests say who is to blame: code, configuration, upcast, environment, missing or reordered input.
 """
 _CHECK = """\
 Say what state a flight's log is in, and change nothing: the WAL is read before SQLite opens the database, every record
@@ -122,10 +125,13 @@ def _verify(reader: Reader, folder: Path, *, as_json: bool) -> int:
         verdict = verify(reader, bar)
     finally:
         bar.end()
+    blame = blamed(reader, verdict)
     if as_json:
-        print(json.dumps(verdict.plain(), sort_keys=True))
+        print(json.dumps(verdict.plain() | ({"blame": blame.plain()} if blame else {}), sort_keys=True))
     else:
         _report(verdict)
+        if blame is not None:
+            tell_blame(blame)
         print(verdict.words())
         _tell_signed(reader, folder)
     return os.EX_OK if verdict.holds else os.EX_DATAERR
@@ -155,8 +161,12 @@ def _report(verdict: Verdict) -> None:
     if verdict.first is None:
         return
     print("the first decision that comes out otherwise, and what led to it:", file=sys.stderr)
-    for shown in verdict.first.causes:
-        print(line_text(shown), file=sys.stderr)
+    causes = verdict.first.causes
+    shown = causes if len(causes) <= CAUSES_SHOWN else (*causes[: CAUSES_SHOWN - 1], causes[-1])
+    for one in shown:
+        if one is causes[-1] and len(shown) < len(causes):
+            print(f"    ...  {len(causes) - len(shown)} more, which `replay why` shows", file=sys.stderr)
+        print(line_text(one), file=sys.stderr)
     print(f"  recorded  {verdict.first.recorded}\n  replayed  {verdict.first.replayed}", file=sys.stderr)
 
 

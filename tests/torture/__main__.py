@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.house import REPO
-from tests.torture import attacks, faults, kills, matrix, powercut, rot, witness
+from tests.torture import attacks, blame, faults, kills, matrix, powercut, rot, witness
 
 RESULTS = Path(__file__).with_name("results")
 Report = Callable[[str], None]
@@ -25,6 +25,7 @@ Run = Callable[[int | None, int, Report], dict[str, Any]]
 # Each is given how often (None: the full count), the first seed, and whom to tell how far it is.
 AREAS: dict[str, Run] = {
     "attacks": attacks.run,
+    "blame": blame.run,
     "faults": faults.run,
     "kills": kills.run,
     "matrix": matrix.run,
