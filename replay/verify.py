@@ -32,7 +32,8 @@ from events.tree import Peaks
 from projections.describe import describe
 from replay.causes import Line, chain, line
 from replay.fields import first_difference
-from replay.verdict import Divergence, Outcome, Verdict
+from replay.incomplete import Partial
+from replay.verdict import Divergence, Gaps, Outcome, Verdict
 from statecharts import State, restore, step
 
 Progress = Callable[[int, int], None]  # records done, records in all
@@ -61,7 +62,8 @@ def verify(reader: Reader, progress: Progress | None = None) -> Verdict:
         run.whole(progress or _silent)
     except _Ended as end:
         return run.verdict(end.outcome, end.seq, end.detail)
-    return run.verdict(Outcome.DIVERGES if run.first else Outcome.IDENTICAL)
+    whole = Outcome.INCOMPLETE if run.gaps.removed else Outcome.IDENTICAL
+    return run.verdict(Outcome.DIVERGES if run.first else whole)
 
 
 def _silent(_done: int, _of: int) -> None:
@@ -73,7 +75,9 @@ class _Run:
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
-        self.state = State()
+        self.partial = None if reader.secret else Partial(_read, _same)  # a redacted copy has no secret
+        self.state = State() if self.partial is None else self.partial.state
+        self.gaps = Gaps()
         self.records = 0
         self.decisions = 0
         self.first: Divergence | None = None
@@ -122,6 +126,7 @@ class _Run:
             seq=seq,
             detail=detail,
             leaf=self.sealed.leaf.hex(),
+            gaps=self.gaps,
         )
 
     def _look_closer(self, recorded: list[Stored], broken: Stored) -> None:
@@ -144,6 +149,9 @@ class _Run:
 
     def _step(self, recorded: Sequence[Stored]) -> None:
         """Replay one step and compare it. Raises _Ended where it can't be read."""
+        if self.partial is not None and recorded[0].seq > 0:
+            self._step_in_part(self.partial, recorded)
+            return
         observation = _read(recorded[0])
         if observation.seq == 0:
             _check_manifest(observation, self.reader.flight_id)
@@ -155,6 +163,16 @@ class _Run:
         if self.first is None:
             self.first = _divergence(self.reader, recorded, replayed)
         self._follow(recorded, observation)
+
+    def _step_in_part(self, partial: Partial, recorded: Sequence[Stored]) -> None:
+        """Replay one step of a redacted copy and compare what can be compared. Raises _Ended."""
+        found = partial.step(recorded)
+        self.decisions += found.decisions
+        self.gaps.add(recorded, found.agreeing, found.uncompared)
+        if found.replayed is not None:
+            self.diverged += 1
+            if self.first is None:
+                self.first = _divergence(self.reader, recorded, found.replayed)
 
     def _follow(self, recorded: Sequence[Stored], observation: Record) -> None:
         """Go on from what was recorded; where that can't be applied, from what was replayed."""
@@ -210,7 +228,7 @@ def _check_manifest(first: Record, flight_id: bytes) -> None:
 
 def _same(stored: Stored, record: Record) -> bool:
     return (
-        stored.body == record.body
+        (stored.body == record.body or stored.removed != b"")
         and stored.kind_number == record.kind.number
         and stored.seq == record.seq
         and stored.cause == record.cause
@@ -235,7 +253,7 @@ def _divergence(reader: Reader, recorded: Sequence[Stored], replayed: Sequence[R
     if not other:
         return _needless(reader, rest[0])
     mine, theirs = [_said(one) for one in rest], [_said(one) for one in other]
-    if mine[0] == theirs[0]:
+    if mine[0] == theirs[0] or (rest[0].removed and mine[0][0] == theirs[0][0]):
         return _header(reader, rest[0], other[0])
     if len(mine) == len(theirs) and sorted(mine) == sorted(theirs):
         return _both(reader, "order", rest[0], other[0])

@@ -46,8 +46,15 @@ CREATE TABLE record (
 """
 # Signed notes, outside the chain. A flight that an older version began gets the table when it is written on.
 _CHECKPOINTS = "CREATE TABLE IF NOT EXISTS checkpoint (size INTEGER PRIMARY KEY, note TEXT NOT NULL)"
+# Name in `meta` that tells a redacted copy, in place of `secret`.
+REDACTED = "redacted"
 _INSERT = "INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-_SELECT = "SELECT * FROM record WHERE seq >= ? AND seq < ? ORDER BY seq"
+_HEADER = "seq, cause, flight_ns, mono_ns, boot, wall_ns, clock_quality, kind, version"
+_RANGE = "FROM record WHERE seq >= ? AND seq < ? ORDER BY seq"
+_SELECT = f"SELECT {_HEADER}, body, leaf {_RANGE}"
+# Of a redacted copy (events/store/redacted.py): a removed body and its salt are NULL, and so is the hash of one that is
+# there.
+_SELECT_REDACTED = f"SELECT {_HEADER}, coalesce(body, x''), leaf, coalesce(salt, x''), coalesce(removed, x'') {_RANGE}"
 _END = (1 << 63) - 1
 
 _PRAGMAS = {
@@ -78,7 +85,7 @@ class SqliteReader:
 
     def stored(self, start: int = 0, stop: int | None = None) -> Iterator[Stored]:
         """Yield the rows with start <= seq < stop."""
-        return _stored(self._connection, start, stop)
+        return _stored(self._connection, start, stop, _SELECT if self.secret else _SELECT_REDACTED)
 
     def checkpoints(self) -> list[tuple[int, str]]:
         """Return size and signed note of every checkpoint, oldest first."""
@@ -100,10 +107,12 @@ class SqliteStore:
         self._broken = False
         self._wal_pages = 0
         with _opening(self._connection, path):
+            self.flight_id, self.secret = _identity(self._connection)
+            if not self.secret:
+                raise StoreFailed(f"{path} is a redacted copy: nothing more is recorded in it")
             _set_pragmas(self._connection)
             self._connection.set_wal_hook(self._committed)
             self._begin_wal_anew()
-            self.flight_id, self.secret = _identity(self._connection)
             self._connection.execute(_CHECKPOINTS)
             self.head = _head(self._connection)
             self._head_file = HeadFile(path.parent)
@@ -281,10 +290,9 @@ def _set_pragmas(connection: apsw.Connection) -> None:
 
 def _identity(connection: apsw.Connection) -> tuple[bytes, bytes]:
     try:
-        rows: Any = connection.execute("SELECT value FROM meta WHERE name IN ('flight_id', 'secret') ORDER BY name")
-        (flight_id,), (secret,) = rows.fetchall()
-        return flight_id, secret
-    except (apsw.Error, ValueError) as error:
+        meta: dict[str, Any] = dict(connection.execute("SELECT name, value FROM meta"))
+        return meta["flight_id"], b"" if REDACTED in meta else meta["secret"]
+    except (apsw.Error, KeyError, ValueError) as error:
         raise StoreFailed(f"this is not the log of a flight: {error}") from error
 
 
@@ -296,10 +304,10 @@ def _head(connection: apsw.Connection) -> Head:
     return Head(-1, FIRST_LEAF_BEFORE) if row is None else Head(row[0], bytes(row[1]))
 
 
-def _stored(connection: apsw.Connection, start: int, stop: int | None) -> Iterator[Stored]:
+def _stored(connection: apsw.Connection, start: int, stop: int | None, select: str = _SELECT) -> Iterator[Stored]:
     try:
-        for row in connection.execute(_SELECT, (start, _END if stop is None else stop)):
-            yield Stored(row[0], row[1], Moment(*row[2:7]), row[7], row[8], row[9], row[10])
+        for row in connection.execute(select, (start, _END if stop is None else stop)):
+            yield Stored(row[0], row[1], Moment(*row[2:7]), *row[7:])
     except apsw.Error as error:
         raise StoreFailed(f"the log could not be read: {error}") from error
 
