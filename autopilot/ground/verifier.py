@@ -76,9 +76,8 @@ class Proved:
         """Return in one sentence what is proved and what is not."""
         first, *causes = self.records
         led = f" and what led to it, back to record {causes[-1].seq}," if causes else ""
-        led += self._removed()
         return (
-            f"Proved: record {first.seq}{led} stood, byte for byte, in the log of flight {self.flight} of node"
+            f"Proved: record {first.seq}{led} stood, byte for byte{self._removed()}, in the log of flight {self.flight} of node"
             f" {self.node}, deployment {self.deployment}, as it was signed over {self.size} records by a key that the"
             f" node certified for this flight, where the trust root {self.trust_root} is the one that you know;"
             f" not proved: that what was recorded is true, that the node's clocks were right, that its keys were in"
@@ -91,8 +90,8 @@ class Proved:
         if not gone:
             return ""
         last = self.records[-1]
-        further = " and so what it answered is not known," if last.removed and last.kind in ANSWERS else ""
-        return f" (without what {' and '.join(gone)} said, which was removed:{further} its header stands)"
+        further = ", and with it what it answered" if last.removed and last.kind in ANSWERS else ""
+        return f" (of {' and '.join(gone)} header and hash: what was said was removed{further})"
 
 
 def check(data: bytes, trust_root: bytes | None = None) -> Proved:
