@@ -175,7 +175,7 @@ class Partial:
     """The replay of a redacted copy, a step at a time."""
 
     def __init__(self, read: Callable[[Stored], Record], same: Callable[[Stored, Record], bool]) -> None:
-        """`read` raises for what can't be read; `same` says whether a record is a replayed one, but for a removed body."""
+        """`read` raises for what can't be read; `same` is true of a record that was replayed, whatever was removed."""
         self.state = WatchedState()
         self._watch = self.state.watch
         self._read = read

@@ -22,9 +22,9 @@ from replay.descent import Descent, computed_again, descent
 from replay.show import line_text
 
 _DESCRIPTION = """\
-Write a copy of a flight in which some records say nothing any more. Of a removed one the header stays (number, cause,
-time, kind) and the salted hash of what it said; the salt and the flight's secret are not in the copy, so it can't be
-guessed. Chain, checkpoints, proofs and the node's own verdict stand; a replay says INCOMPLETE and compares what is left.
+Write a copy of a flight in which some records say nothing any more. Of a removed one the header stays (number,
+cause, time, kind) and the salted hash of what it said; salt and secret are not in the copy, so it can't be guessed.
+Chain, checkpoints, proofs and the node's own verdict stand; a replay says INCOMPLETE and compares what is left.
 
 Records are named by --seq, by --kind, or both; --after and --before keep to a stretch of the flight, and alone choose
 all of it. What descends from a removed record may say the same once more: it is named, and removed too with
@@ -69,8 +69,8 @@ def add(kinds: Any) -> None:
 def _seqs(text: str) -> frozenset[int]:
     found: set[int] = set()
     for part in text.split(","):
-        first, _, last = part.partition("-")
-        if not all(number.isascii() and number.isdigit() for number in (first, last or first)):
+        first, dash, last = part.partition("-")
+        if not all(number.isascii() and number.isdigit() for number in (first, last if dash else first)):
             raise argparse.ArgumentTypeError(f"{text!r} names no records: 7 or 7,40-44")
         found.update(range(int(first), int(last or first) + 1))
     return frozenset(found)

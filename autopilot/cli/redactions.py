@@ -1,4 +1,4 @@
-"""`redaction.json` beside a redacted copy: who made it, when and why. Nothing proves what it says, and no proof needs it."""
+"""`redaction.json` beside a redacted copy: who made it, when and why. Nothing proves it, and no proof needs it."""
 
 from __future__ import annotations
 

@@ -77,9 +77,10 @@ class Proved:
         first, *causes = self.records
         led = f" and what led to it, back to record {causes[-1].seq}," if causes else ""
         return (
-            f"Proved: record {first.seq}{led} stood, byte for byte{self._removed()}, in the log of flight {self.flight} of node"
-            f" {self.node}, deployment {self.deployment}, as it was signed over {self.size} records by a key that the"
-            f" node certified for this flight, where the trust root {self.trust_root} is the one that you know;"
+            f"Proved: record {first.seq}{led} stood, byte for byte{self._removed()}, in the log of flight"
+            f" {self.flight} of node {self.node}, deployment {self.deployment}, as it was signed over"
+            f" {self.size} records by a key that the node certified for this flight, where the trust root"
+            f" {self.trust_root} is the one that you know;"
             f" not proved: that what was recorded is true, that the node's clocks were right, that its keys were in"
             f" nobody else's hands or not revoked, and what was recorded after those {self.size} records."
         )
