@@ -42,7 +42,8 @@ def check_incomplete(records: Sequence[Record], remove: Container[int]) -> Verdi
     """Check that nothing differs in a copy of a flight that replays, and that every decision is accounted for."""
     verdict = verify(Copy(resealed(records), remove))
     gone = [one.seq for one in records if one.seq in remove]
-    assert verdict.outcome is (Outcome.INCOMPLETE if gone else Outcome.IDENTICAL), verdict.words()
+    outcomes = {True: Outcome.INCOMPLETE, False: Outcome.IDENTICAL}
+    assert verdict.outcome is outcomes[bool(gone)], verdict.words()
     assert verdict.gaps.removed == gone
     there = sum(one.cause >= 0 and one.seq not in remove for one in records)
     assert verdict.decisions + verdict.gaps.agreeing + verdict.gaps.uncompared == there

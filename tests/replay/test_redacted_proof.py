@@ -27,7 +27,8 @@ def check_stands(copy: Copy, seq: int, remove: frozenset[int]) -> None:
     assert [one.seq for one in proved.records] == [shown.seq for shown in chain(copy, seq)]
     for one in proved.records:
         record, gone = STORY.records[one.seq], one.seq in remove
-        assert (one.body, one.kind, one.cause) == (b"" if gone else record.body, record.kind.number, record.cause)
+        body = b"" if gone else record.body
+        assert (one.body, one.kind, one.cause) == (body, record.kind.number, record.cause)
         assert bool(one.removed) is gone
         assert (f"{one.seq}" in proved.words().partition("header and hash")[0].partition("(of ")[2]) or not gone
 
