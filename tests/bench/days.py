@@ -1,9 +1,9 @@
 """Ten minutes of a node as it records them, in no time: the real link, thinning and charts against the simulated
 aircraft. It is what growth is measured on; nothing here measures.
 
-Flying: the aircraft circles, the detector gives ten frames a second of which some show people, an operator points the
-camera four times a minute. Idle: it stands on the ground, disarmed; the GPS wanders about a metre and the gimbal trembles;
-the camera may be on, and sees nothing, or off.
+Flying: the aircraft circles at 8 m/s, the detector gives ten frames a second, with people in a third of the time, and
+an operator points the camera four times a minute. Idle: it stands on the ground, disarmed; the GPS wanders about a
+metre and the gimbal trembles; the camera may be on, and sees nothing, or off.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 from google.protobuf.message import Message
 
+from autopilot.adapters.eyes.thinning import Empties
 from autopilot.adapters.vehicle.session import Report, Session, Transmit
 from autopilot.geo import LocalFrame
 from autopilot.node.limits import configuration_message
@@ -39,6 +40,7 @@ ORDERS_EVERY_S = 15
 PEER = ("127.0.0.1", 14550)
 GPS_WANDER_M = 1.0  # slow, as a receiver that stands still shows it
 TREMBLE_DEG = 0.05
+SPEED_M_S, RADIUS_M = 8.0, 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,25 +51,51 @@ class Day:
     camera: bool
 
 
+class Circling(Aircraft):
+    """An aircraft that never comes down."""
+
+    @property
+    def motion(self) -> Motion:
+        """Where it is."""
+        angle = self.time_s * SPEED_M_S / RADIUS_M
+        before = self.route.at(self.route.seconds / 2)  # armed, in its mode
+        return replace(
+            before,
+            east_m=RADIUS_M * math.sin(angle),
+            north_m=RADIUS_M * math.cos(angle),
+            up_m=30.0,
+            yaw_deg=(90 + math.degrees(angle)) % 360,
+            east_m_s=SPEED_M_S * math.cos(angle),
+            north_m_s=-SPEED_M_S * math.sin(angle),
+            up_m_s=0.0,
+            yaw_deg_s=math.degrees(SPEED_M_S / RADIUS_M),
+        )
+
+
 class Standing(Aircraft):
     """An aircraft on the ground, as its sensors see it."""
 
     @property
     def motion(self) -> Motion:
         """Where it seems to be."""
-        wander = [GPS_WANDER_M * math.sin(self.time_s / period + phase) for period, phase in ((97, 0), (61, 1), (143, 2))]
+        wander = [
+            GPS_WANDER_M * math.sin(self.time_s / period + phase) for period, phase in ((97, 0), (61, 1), (143, 2))
+        ]
         east_m, north_m, up_m = wander
         seen = replace(self.route.at(0.0), east_m=east_m, north_m=north_m, up_m=up_m)
         return replace(seen, yaw_deg=(seen.yaw_deg + TREMBLE_DEG * math.sin(self.time_s * 7)) % 360)
 
 
-def config(**vehicle: float) -> Config:
-    """Return the default configuration of a node that takes orders; with other limits of the link where given."""
+def config(thinned: bool = True) -> Config:
+    """Return the default configuration of a node that takes orders; or one that thins nothing but by the clock."""
+    vehicle: dict[str, object] = {"connect": "127.0.0.1:14550"}
+    full = {"position_threshold_m": 0, "heading_threshold_deg": 0, "gimbal_threshold_deg": 1e-9}
     return Config.model_validate(
         {
             "node": {"keys": "k", "flights": "f", "projections": "p"},
             "command": {"enabled": True, "camera_roles": ["camera"]},
-            "vehicle": {"connect": "127.0.0.1:14550"} | vehicle,
+            "vehicle": vehicle if thinned else vehicle | full,
+            "eyes": {} if thinned else {"empty_frame_period_s": 0},
         }
     )
 
@@ -82,13 +110,13 @@ class _Node:
 
     def __init__(self, day: Day, settings: Config) -> None:
         self._day = day
-        self._aircraft = Aircraft(7, MINUTES * 60 / 0.9) if day.flying else Standing(7, MINUTES * 60)
-        self._aircraft.held = not day.flying
+        self._aircraft = Circling(7, 60) if day.flying else Standing(7, 60)
         self._frame = LocalFrame(*HOME)
         self._settings = settings
         self._link = Session(
             settings.vehicle, self._place, lambda *_: None, lambda: True, arrival_tolerance_deg=1.0, peer=PEER
         )
+        self._empties = Empties(settings.eyes.empty_frame_period_s)
         self._state = State()
         self._chance = random.Random(7)
         self._due: int | None = None
@@ -106,7 +134,12 @@ class _Node:
     def _opening(self) -> Iterator[Message]:
         configuration = configuration_message(self._settings)
         yield FlightOpened(
-            flight_id=FLIGHT_ID, flight_number=1, node="bench", logic=LOGIC, configuration=configuration
+            flight_id=FLIGHT_ID,
+            flight_number=1,
+            node="bench",
+            node_public_key=bytes(32),
+            logic=LOGIC,
+            configuration=configuration,
         )
         yield BaselineCarried(state=CarriedState())
         yield NodeStarted(boot_id="bench", start=1)
@@ -146,7 +179,9 @@ class _Node:
     def _world(self, now_ns: int) -> Iterator[Message]:
         number = round(now_ns / S * FRAMES_A_SECOND)
         if self._day.camera and round(now_ns / S / TURN_S) % round(1 / FRAMES_A_SECOND / TURN_S) == 0:
-            yield self._seen(number, now_ns)
+            seen = self._seen(number, now_ns)
+            if self._empties.news(seen):
+                yield seen
         if self._day.flying and now_ns // S >= (self._orders + 1) * ORDERS_EVERY_S:
             self._orders += 1
             yield self._order()
@@ -160,7 +195,9 @@ class _Node:
         )
 
     def _order(self) -> OrderReceived:
-        place = self._place(HOME[0] + self._chance.uniform(-5e-4, 5e-4), HOME[1] + self._chance.uniform(-5e-4, 5e-4), 488.0)
+        place = self._place(
+            HOME[0] + self._chance.uniform(-5e-4, 5e-4), HOME[1] + self._chance.uniform(-5e-4, 5e-4), 488.0
+        )
         asked = PointAtPlaceOrder(camera=1, place=place)
         issuer = Issuer(principal_id="alice", callsign="ALICE", device_key_id=b"a" * 16, roles=["camera"])
         nonce = self._chance.randbytes(24)
