@@ -34,7 +34,16 @@ UNITS_INSIDE = ("_mm_s", "_cdeg_s")
 WHOLE_NUMBERS = {  # ids, numbers that others assign, and counts: they have no unit
     *("vehicle", "camera", "gimbal", "object", "number", "detection", "start", "logic", "version", "flight_number"),
     *("system_id", "autopilot", "vehicle_type", "custom_mode", "mav_result", "h3_cell"),
-    *("count", "attempts", "muted", "sightings", "asks_per_minute", "failures_to_safe_mode", "sightings_to_ask"),
+    *(
+        "count",
+        "attempts",
+        "muted",
+        "sightings",
+        "asks_per_minute",
+        "failures_to_safe_mode",
+        "sightings_to_ask",
+        "empty_before",
+    ),
     "progress",  # MAVLink's own percent, where 255 is unknown
 }
 NUMERIC = re.compile(r"u?int(32|64)|sint(32|64)|s?fixed(32|64)")
