@@ -45,7 +45,7 @@ def body_hash(stored: Stored, secret: bytes) -> bytes:
     Raises ChainBroken for a record of a redacted copy that carries neither a whole salt nor a whole hash: a byte that
     wanders from body to salt would not change the hash. TypeError for columns of another type.
     """
-    if secret or not stored.removed:
+    if not stored.removed:
         salt = salt_shown(stored, secret)
         if len(salt) != SALT_BYTES:
             raise ChainBroken(f"record {stored.seq}: its salt has {len(salt)} bytes, not {SALT_BYTES}")

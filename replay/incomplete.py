@@ -223,7 +223,6 @@ class Partial:
                 self._watch.step = Level.UNKNOWN
             if self._watch.step:
                 self._watch.doubt(may_write(stored, _chart(record), recorded), self._watch.step)
-        self.state.next_seq.set(recorded[-1].seq + 1)
 
 
 def _chart(record: Record) -> str:

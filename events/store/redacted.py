@@ -58,7 +58,7 @@ def redacted(source: Reader, remove: Container[int], stop: int) -> Iterator[Stor
             break
         chain.check(stored)
         hashed, expected = body_hash(stored, source.secret), expected + 1
-        if stored.removed or stored.seq in remove:
+        if stored.seq in remove:
             yield stored._replace(body=b"", salt=b"", removed=hashed)
         else:
             yield stored._replace(salt=salt_shown(stored, source.secret))

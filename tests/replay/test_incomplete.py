@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 from hypothesis import given, settings
 
-from events import KINDS, Record
+from events import KINDS, Record, read_record
 from events.schema.common_pb2 import Moved
-from replay.incomplete import Level, Watch, WatchedState
-from replay.reach import MAY_WRITE, MOVE_WRITES
+from replay.incomplete import Level, Partial, Watch, WatchedState
+from replay.reach import MAY_WRITE, MOVE_WRITES, may_write
 from replay.verdict import Outcome
 from replay.verify import verify
 from statecharts import CHARTS, evolve
 from statecharts.engine import _EVOLVE
+from tests.breaking import break_chart
 from tests.flights import (
     Flight,
     detection,
     frame,
-    gimbal,
-    limits,
     point_at_place,
-    position,
     resealed,
     story,
 )
@@ -115,13 +114,46 @@ def test_what_rests_on_a_removed_observation_is_not_compared() -> None:
     assert "13" in verdict.plain()["gaps"]["uncompared_steps"].split(",")
 
 
-def test_a_failed_step_is_passed_over_as_it_was() -> None:
-    """Its observation changed nothing, also where it was removed."""
-    flight = Flight(limits=limits(arrival_patience_ms=10_000))
+def test_a_failed_step_is_passed_over_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its observation changed nothing: the same order is new when it comes again."""
+    flight = Flight()
+    with monkeypatch.context() as patch:
+        break_chart(patch, "command", "order_received")
+        flight.tell(point_at_place("a", 20_000, 30_000), 100)
     flight.tell(point_at_place("a", 20_000, 30_000), 100)
-    flight.tell(position(0, 0), 100)
-    flight.tell(gimbal(-2_000, 3_000, flight.effect(), 40), 900)
-    check_incomplete(flight.records, {len(flight.records) - 1})
+    seq = at(flight, "step_failed")
+    check_differs(flight.records, (), seq, "kind")
+    assert verify(Copy(flight.store, ())).further == 0
+
+
+def test_deadlines_are_known_by_chart() -> None:
+    """Whose deadline passed is asked chart by chart."""
+    state = WatchedState()
+    state.watch.doubt(("deadlines/aim",), Level.UNKNOWN)
+    state.passed("poi", 0)
+    check_levels(state.watch, Level.KNOWN, "deadlines/aim", Level.UNKNOWN)
+    state.passed("aim", 0)
+    check_levels(state.watch, Level.UNKNOWN, "deadlines/aim", Level.UNKNOWN)
+
+
+def test_what_was_not_written_for_want_of_knowledge_is_doubted() -> None:
+    """An answer to an effect that is not known may have been written to an order all the same."""
+    rows = list(Copy(STORY.store, ()).stored())
+    partial = Partial(read_record, lambda stored, record: stored.body == record.body)
+    for first, stop in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 13), (13, 15)):
+        assert partial.step(rows[first:stop]).uncompared == 0
+    partial.state.effects.drop(8)
+    partial.state.watch.doubt(("effects",), Level.UNKNOWN)
+    assert partial.step(rows[15:18]).uncompared == 2
+    assert partial.state.watch.tables["orders"] is Level.UNKNOWN
+
+
+def test_who_may_have_moved() -> None:
+    """The charts that heard of the step, and no others."""
+    rows = list(Copy(STORY.store, range(1, 200)).stored())
+    assert {"orders", "cameras", "scans", "aims"} <= set(may_write(rows[7], "", rows[6:13]))
+    assert set(may_write(rows[20], "", rows[19:21])) == {"aims", "deadlines/aim"}
+    assert may_write(rows[20], "camera", rows[19:21]) == ("cameras", "deadlines/camera")
 
 
 @settings(max_examples=120, deadline=None)

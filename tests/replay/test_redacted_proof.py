@@ -57,6 +57,7 @@ def test_an_answer_without_its_body_names_no_effect() -> None:
     words = check(prove(copy, 20, papers())).words()
     assert "(of 19 header and hash: what was said was removed, and with it what it answered)" in words
     assert "answered" not in check(prove(Copy(SEALED, {8}), 20, papers())).words()
+    assert "answered" not in check(prove(Copy(SEALED, {6}), 20, papers())).words()
     assert "removed" not in check(prove(copy, 9, papers())).words()
 
 
