@@ -12,6 +12,7 @@ from events.kinds import kind_numbered as kind_numbered
 from events.kinds import kind_of as kind_of
 from events.records import NO_CAUSE as NO_CAUSE
 from events.records import BodyBroken as BodyBroken
+from events.records import BodyRemoved as BodyRemoved
 from events.records import Moment as Moment
 from events.records import Record as Record
 from events.records import Stored as Stored

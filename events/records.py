@@ -21,6 +21,10 @@ class BodyBroken(ValueError):
     """A stored body does not decode as its kind."""
 
 
+class BodyRemoved(BodyBroken):
+    """The body is not in this redacted copy of the flight; a hash stands in its place."""
+
+
 class Moment(NamedTuple):
     """When something was recorded. A decision has the moment of its observation."""
 
@@ -52,8 +56,10 @@ class Stored(NamedTuple):
     at: Moment
     kind_number: int
     version: int
-    body: bytes
+    body: bytes  # b"" where it was removed
     leaf: bytes
+    salt: bytes = b""  # where the log is a redacted copy, which has no secret to derive it from
+    removed: bytes = b""  # SHA-256(salt || body) in place of both, where a redacted copy lacks them
 
 
 def encode(message: Message) -> bytes:
@@ -68,8 +74,13 @@ def make_record(seq: int, cause: int, at: Moment, message: Message) -> Record:
 
 
 def read_record(stored: Stored) -> Record:
-    """Make a record of stored bytes, which stay what they are. Raises UnknownKind and BodyBroken."""
+    """Make a record of stored bytes, which stay what they are.
+
+    Raises UnknownKind, BodyBroken, and BodyRemoved where a redacted copy lacks it.
+    """
     kind = kind_numbered(stored.kind_number)
+    if stored.removed:
+        raise BodyRemoved(f"the body of record {stored.seq} ({kind.name}) was removed from this copy of the flight")
     if not 1 <= stored.version <= kind.version:
         raise UnknownKind(f"record {stored.seq} is {kind.name} version {stored.version}; known is {kind.version}")
     try:

@@ -3,8 +3,8 @@
 Building it twice from one log gives the same bytes: it reads nothing but the records, and its moments are theirs.
 What differs from the seed: null stands where a size or a first sighting in a flight before is unknown, `mission_id`
 is empty while there are no missions, the box is that of what was seen, on the ground, and an object carried over
-from a flight before is told as well. `number`, `sightings`, `poi_id`, `muted_by`, `muted`, `audit`, `pois` and `flight`
-are ours.
+from a flight before is told as well. `number`, `sightings`, `poi_id`, `muted_by`, `muted`, `audit`, `pois` `flight`
+and, of a redacted copy, `gaps` are ours.
 """
 
 from __future__ import annotations
@@ -13,32 +13,49 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from events.records import Record
+from events.records import Record, Stored
 from projections import audit as audit_fold
 from projections import objects as objects_fold
 from projections import pois as pois_fold
 from projections import status as status_fold
 from projections.audit import AuditRow
 from projections.canonical import Decimal, decimal
+from projections.gaps import Left, whole_steps
 from projections.objects import NO_MISSION, IgnoredRow, ObjectRow, Objects, ObservationRow
 from projections.picture import Status
 from projections.pois import PoiRow
-from projections.words import timestamp
+from projections.words import ranges, timestamp
 
 SCHEMA_VERSION = "1.0.0"
 
 
-def build(records: Iterable[Record]) -> dict[str, Any]:
+def build_redacted(log: Iterable[Stored]) -> dict[str, Any]:
+    """Return the bundle of a redacted copy: of the steps that are whole, with what is missing named in `gaps`.
+
+    Raises LookupError where the log does not begin with a manifest.
+    """
+    left = Left()
+    bundle = build(whole_steps(log, left), left)
+    return bundle | {"gaps": {"removed": ranges(left.removed), "left_out": ranges(left.left_out)}}
+
+
+def build(records: Iterable[Record], left: Left | None = None) -> dict[str, Any]:
     """Return the bundle of a flight's records as a structure for `canonical.json_text`.
 
-    Raises LookupError where the records do not begin with a manifest.
+    With `left` a record that can't be placed is noted there. Raises LookupError where the records do not begin with a
+    manifest, and where one can't be placed otherwise.
     """
     audit, objects, pois, status = audit_fold.start(), objects_fold.start(), pois_fold.start(), Status()
     for record in records:
-        audit = audit_fold.apply(audit, record)
-        objects = objects_fold.apply(objects, record)
-        pois = pois_fold.apply(pois, record)
-        status = status_fold.apply(status, record)
+        try:
+            audit = audit_fold.apply(audit, record)
+            objects = objects_fold.apply(objects, record)
+            pois = pois_fold.apply(pois, record)
+            status = status_fold.apply(status, record)
+        except LookupError:
+            if left is None:
+                raise
+            left.left_out.append(record.seq)
     if not status.picture.flight_id:
         raise LookupError("the flight has no manifest: there is nothing to make a bundle of")
     return {

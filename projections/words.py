@@ -5,6 +5,8 @@ It knows units and nothing of records.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 NS_PER_S = 1_000_000_000
 NS_PER_MS = 1_000_000
 SECONDS_PER_DAY = 86_400
@@ -49,6 +51,17 @@ def coordinates(latitude_e7: int, longitude_e7: int) -> str:
 def percent(share_e4: int) -> str:
     """Return a share of 1e-4 as whole percent."""
     return f"{(share_e4 + 50) // 100} %"
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Return numbers as ranges, in order and each once: [4, 1, 2, 3, 9] is "1-4,9"."""
+    runs: list[tuple[int, int]] = []
+    for number in sorted(set(numbers)):
+        if runs and runs[-1][1] == number - 1:
+            runs[-1] = runs[-1][0], number
+        else:
+            runs.append((number, number))
+    return ",".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
 
 
 def timestamp(wall_ns: int) -> str:

@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from events import KINDS, NO_CAUSE, BodyBroken, UnknownKind, read_record
+from events import KINDS, NO_CAUSE, BodyBroken, BodyRemoved, UnknownKind, kind_numbered, read_record
 from events.records import Stored
 from events.store import Reader
 from projections.describe import describe
 
+REMOVED = "removed from this copy"
 _ANSWERS = {kind.number for kind in KINDS if "effect_seq" in kind.message.DESCRIPTOR.fields_by_name}
 
 
@@ -30,13 +31,18 @@ def line(stored: Stored) -> Line:
     """Return a stored record as a line; one that can't be read says so."""
     try:
         record = read_record(stored)
+    except BodyRemoved:
+        return Line(stored.seq, kind_numbered(stored.kind_number).name, REMOVED)
     except (UnknownKind, BodyBroken) as error:
         return Line(stored.seq, f"kind {stored.kind_number}", str(error))
     return Line(record.seq, record.kind.name, describe(record))
 
 
 def led_from(stored: Stored) -> int:
-    """Return the seq of what led to this record, NO_CAUSE where it came from outside by itself."""
+    """Return the seq of what led to this record, NO_CAUSE where it came from outside by itself.
+
+    What an outcome answers is in its body: one whose body was removed answers nothing that is known.
+    """
     if stored.cause != NO_CAUSE or stored.kind_number not in _ANSWERS:
         return stored.cause
     try:

@@ -3,7 +3,8 @@
 The records are those of the cause chain, from the decision back to the first observation. Each comes with what its
 leaf is the hash of and with its inclusion proof (RFC 9162) in the newest signed checkpoint. Who signed, and who vouches
 for that key, is laid beside it as it was found. Nothing is judged here: `autopilot verify` does that, by a program of
-its own. docs/proof.md is the specification.
+its own. docs/proof.md is the specification. A redacted copy proves what the flight proves, but for the bodies that were
+removed.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from events import NO_CAUSE
-from events.chain import FIRST_LEAF_BEFORE, salt_of
+from events.chain import FIRST_LEAF_BEFORE, salt_shown
 from events.records import Stored
 from events.store import Reader
 from events.tree import Tree
@@ -138,10 +139,16 @@ def _plain(stored: Stored, leaves: list[bytes], tree: Tree, secret: bytes) -> di
         "kind": stored.kind_number,
         "version": stored.version,
         "leaf_before": _base64(before),
-        "salt": _base64(salt_of(secret, stored.seq)),
-        "body": _base64(stored.body),
+        **_said(stored, secret),
         "inclusion": [_base64(sibling) for sibling in tree.inclusion(stored.seq)],
     }
+
+
+def _said(stored: Stored, secret: bytes) -> dict[str, str]:
+    """Return what the leaf's last hash is made of; of a body that was removed there is only that hash."""
+    if stored.removed:
+        return {"removed": _base64(stored.removed)}
+    return {"salt": _base64(salt_shown(stored, secret)), "body": _base64(stored.body)}
 
 
 def _base64(data: bytes) -> str:

@@ -18,9 +18,9 @@ from statecharts.logic import Change
 
 
 def same(stored: Stored, record: Record) -> bool:
-    """Whether number, cause, moment, kind, version and body are the same."""
+    """Whether number, cause, moment, kind, version and body are the same; a body that was removed is not looked at."""
     return (
-        stored.body == record.body
+        (stored.body == record.body or stored.removed != b"")
         and stored.kind_number == record.kind.number
         and stored.seq == record.seq
         and stored.cause == record.cause

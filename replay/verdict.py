@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any
 
+from events.records import Stored
+from projections.words import ranges
 from replay.causes import Line
 
 
@@ -14,6 +17,7 @@ class Outcome(Enum):
 
     IDENTICAL = "identical"
     INTENDED = "intended difference"  # what differs is what a later logic decides otherwise, and nothing else
+    INCOMPLETE = "incomplete"  # a redacted copy, in which nothing that can be compared differs
     DIVERGES = "diverges"
     BROKEN = "broken chain"
     UNREADABLE = "unreadable"
@@ -35,6 +39,44 @@ class Divergence:
         """Return what differs, in one line."""
         where = f"{self.kind} {self.field}".rstrip()
         return f"record {self.seq} ({where}), {self.what}: recorded {self.recorded}, replayed {self.replayed}"
+
+
+@dataclass(slots=True)
+class Gaps:
+    """What a redacted copy leaves open. It grows while the copy is replayed."""
+
+    removed: list[int] = field(default_factory=list)  # seqs whose body is not there
+    agreeing: int = 0  # decisions that come out the same, from a state that may lack what was removed
+    uncompared: int = 0  # decisions that are there and could not be compared
+    open: list[int] = field(default_factory=list)  # the observations on which those were made
+
+    def add(self, recorded: Sequence[Stored], agreeing: int, uncompared: int) -> None:
+        """Count one step."""
+        self.removed.extend(stored.seq for stored in recorded if stored.removed)
+        self.agreeing += agreeing
+        self.uncompared += uncompared
+        if uncompared:
+            self.open.append(recorded[0].seq)
+
+    def words(self) -> str:
+        """Return what is open, in a clause; "" where nothing was removed."""
+        if not self.removed:
+            return ""
+        said = f"records {ranges(self.removed)} were removed from this copy"
+        if self.agreeing:
+            said += f"; {self.agreeing} more decisions agree, though what they rest on is not all there"
+        if self.uncompared:
+            said += f"; {self.uncompared} can't be compared, those on {ranges(self.open)}"
+        return said
+
+    def plain(self) -> dict[str, Any]:
+        """Return it as a JSON-able structure."""
+        return {
+            "removed": ranges(self.removed),
+            "agreeing": self.agreeing,
+            "uncompared": self.uncompared,
+            "uncompared_steps": ranges(self.open),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +103,7 @@ class Verdict:
     seq: int | None = None  # where the chain breaks or reading ends
     detail: str = ""  # why, for a broken chain or an unreadable log
     leaf: str = ""  # hex: leaf of the last record whose chain held
+    gaps: Gaps = field(default_factory=Gaps)
 
     @property
     def holds(self) -> bool:
@@ -70,6 +113,8 @@ class Verdict:
     def words(self) -> str:
         """Return the verdict in one line."""
         counted = f"{self.records} records, {self.decisions} decisions compared"
+        if gaps := self.gaps.words():
+            counted = f"{counted}; {gaps}"
         match self.outcome:
             case Outcome.IDENTICAL:
                 return f"identical: {counted}"
@@ -78,9 +123,11 @@ class Verdict:
                 return f"{since}: {self.first.words()}; further steps that differ: {self.further} ({counted})"
             case Outcome.DIVERGES if self.first:
                 return f"diverges: {self.first.words()}; further steps that diverge: {self.further} ({counted})"
+            case Outcome.INCOMPLETE:
+                return f"INCOMPLETE({ranges(self.gaps.removed)}): nothing differs ({counted})"
         differs = f"; {self.first.words()}" if self.first else ""
         return f"{self.outcome.value}: {self.detail}{differs} ({counted})"
 
     def plain(self) -> dict[str, Any]:
         """Return the verdict as a JSON-able structure."""
-        return asdict(self) | {"outcome": self.outcome.value}
+        return asdict(self) | {"outcome": self.outcome.value, "gaps": self.gaps.plain()}

@@ -29,8 +29,9 @@ from events.tree import Peaks
 from projections.describe import describe
 from replay.causes import Line, chain, line
 from replay.fields import first_difference
+from replay.incomplete import Partial
 from replay.same import meant, said, same
-from replay.verdict import Divergence, Outcome, Since, Verdict
+from replay.verdict import Divergence, Gaps, Outcome, Since, Verdict
 from statecharts import State, logic, restore, step
 from statecharts.logic import Change
 
@@ -72,7 +73,9 @@ class _Run:
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
-        self.state = State()
+        self.partial = None if reader.secret else Partial(_read, same)  # a redacted copy has no secret
+        self.state = State() if self.partial is None else self.partial.state
+        self.gaps = Gaps()
         self.records = 0
         self.decisions = 0
         self.first: Divergence | None = None
@@ -117,6 +120,8 @@ class _Run:
         """Return the outcome of a flight that was followed to its end."""
         if self.first is not None:
             return Outcome.DIVERGES
+        if self.gaps.removed:
+            return Outcome.INCOMPLETE
         return Outcome.INTENDED if self.intended is not None else Outcome.IDENTICAL
 
     def verdict(self, outcome: Outcome, seq: int | None = None, detail: str = "") -> Verdict:
@@ -132,6 +137,7 @@ class _Run:
             seq=seq,
             detail=detail,
             leaf=self.sealed.leaf.hex(),
+            gaps=self.gaps,
         )
 
     def _look_closer(self, recorded: list[Stored], broken: Stored) -> None:
@@ -154,11 +160,13 @@ class _Run:
 
     def _step(self, recorded: Sequence[Stored]) -> None:
         """Replay one step and compare it. Raises _Ended where it can't be read."""
+        if self.partial is not None and recorded[0].seq > 0:
+            self._step_in_part(self.partial, recorded)
+            return
         observation = _read(recorded[0])
         if observation.seq == 0:
             _check_manifest(observation, self.reader.flight_id)
-        if isinstance(observation.message, FlightOpened | NodeStarted):
-            self._note_logic(observation.seq, observation.message)
+        self._note_logic(observation)
         replayed = step(self.state, observation).records
         self.decisions += len(recorded) - 1
         if len(replayed) == len(recorded) and all(map(same, recorded, replayed)):
@@ -166,11 +174,15 @@ class _Run:
         self._differs(recorded, replayed)
         self._follow(recorded, observation)
 
-    def _note_logic(self, seq: int, start: FlightOpened | NodeStarted) -> None:
+    def _note_logic(self, observation: Record) -> None:
+        start = observation.message
+        if not isinstance(start, FlightOpened | NodeStarted):
+            return
         self.logic = start.logic or self.logic
         if self.logic > logic.LOGIC:
             known = f"it was decided by logic {self.logic}, and this software knows none above {logic.LOGIC}"
-            raise _Ended(Outcome.UNREADABLE, seq, f"{known}: replay it with software {start.software} or later")
+            because = f"{known}: replay it with software {start.software} or later"
+            raise _Ended(Outcome.UNREADABLE, observation.seq, because)
 
     def _differs(self, recorded: Sequence[Stored], replayed: Sequence[Record]) -> None:
         """Take down a step that came out otherwise."""
@@ -183,6 +195,16 @@ class _Run:
         if self.since is None or change.logic < self.since.logic:
             self.since = change
         self.intended = self.intended or _divergence(self.reader, recorded, replayed)
+
+    def _step_in_part(self, partial: Partial, recorded: Sequence[Stored]) -> None:
+        """Replay one step of a redacted copy and compare what can be compared. Raises _Ended."""
+        if not recorded[0].removed:
+            self._note_logic(_read(recorded[0]))
+        found = partial.step(recorded)
+        self.decisions += found.decisions
+        self.gaps.add(recorded, found.agreeing, found.uncompared)
+        if found.replayed is not None:
+            self._differs(recorded, found.replayed)
 
     def _follow(self, recorded: Sequence[Stored], observation: Record) -> None:
         """Go on from what was recorded; where that can't be applied, from what was replayed."""
@@ -247,7 +269,7 @@ def _divergence(reader: Reader, recorded: Sequence[Stored], replayed: Sequence[R
     if not other:
         return _needless(reader, rest[0])
     mine, theirs = [said(one) for one in rest], [said(one) for one in other]
-    if mine[0] == theirs[0]:
+    if mine[0] == theirs[0] or (rest[0].removed and mine[0][0] == theirs[0][0]):
         return _header(reader, rest[0], other[0])
     if len(mine) == len(theirs) and sorted(mine) == sorted(theirs):
         return _both(reader, "order", rest[0], other[0])

@@ -43,6 +43,7 @@ WHOLE_NUMBERS = {  # ids, numbers that others assign, and counts: they have no u
         "asks_per_minute",
         "failures_to_safe_mode",
         "sightings_to_ask",
+        "empty_before",
     ),
     "progress",  # MAVLink's own percent, where 255 is unknown
 }

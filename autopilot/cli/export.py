@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from autopilot.cli import redacted
 from autopilot.cli.flight import USAGE, folder_of, with_flight
 from autopilot.ground.consistency import check_consistent
 from autopilot.ground.verifier import ProofRefused, Proved, check
@@ -18,7 +19,7 @@ from autopilot.node.sealing import CERTIFICATE_FILE
 from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE
 from events import read_record
 from events.store import Reader
-from projections.bundle import build
+from projections.bundle import build, build_redacted
 from projections.canonical import json_text
 from replay.proof import Papers, prove, prove_consistency
 
@@ -28,6 +29,7 @@ examples:
   autopilot export bundle flights/000001-1a2b3c4d - | python -m json.tool
   autopilot export proof flights/000001-1a2b3c4d --seq 142 proof.json
   autopilot export consistency flights/000001-1a2b3c4d --from 1000 --to 2000 grown.json
+  autopilot export redacted flights/000001-1a2b3c4d copy --kind frame_observed --by NAME --because WHY
 
 exit codes: 0 written, 65 the flight can't be understood or proves nothing, 66 there is no such flight, \
 73 OUT can't be written, 74 the flight can't be read
@@ -93,6 +95,7 @@ def add(commands: Any) -> None:
     )
     one.add_argument("out", metavar="OUT", help="file to write; - for standard output")
     one.set_defaults(run=run_consistency)
+    redacted.add(own)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -167,7 +170,7 @@ def _papers(folder: Path) -> Papers:
 
 def _bundle(reader: Reader, out: str, *, as_json: bool) -> int:
     try:
-        bundle = build(map(read_record, reader.stored()))
+        bundle = build(map(read_record, reader.stored())) if reader.secret else build_redacted(reader.stored())
     except LookupError as error:
         print(f"autopilot export: {error}", file=sys.stderr)
         return os.EX_DATAERR

@@ -17,6 +17,7 @@ from autopilot.cli.bar import Bar
 from autopilot.cli.blaming import blamed, tell_blame
 from autopilot.cli.copies import tell_recovered
 from autopilot.cli.flight import USAGE, folder_of, with_flight
+from autopilot.cli.redactions import redactions_of, told
 from autopilot.trust.notes import NoteInvalid
 from autopilot.trust.replayed import VERDICT_FILE, read_verdict
 from events import UnknownKind, kind_named
@@ -38,13 +39,15 @@ examples:
   autopilot replay recover flights/000001-1a2b3c4d recovered
   autopilot replay check flights --witness alice
 
-exit codes: 0 identical or sound, 65 the flight diverges or is damaged, 66 there is no such flight, 74 it can't be read
+exit codes: 0 identical or sound, 65 the flight diverges, is damaged, or is a redacted copy, 66 there is no such \
+flight, 74 it can't be read
 """
 CAUSES_SHOWN = 12  # lines of a chain of causes: the report should fit on a screen
 _VERIFY = """\
 Check the chain of a flight's log, then run every observation through the same charts and compare every decision,
 field by field and byte for byte. A flight that is still open is verified up to its newest record. Where a decision
 comes out otherwise, tests say who is to blame: code, configuration, upcast, environment, missing or reordered input.
+Of a redacted copy what is left is compared, and what was removed is named: INCOMPLETE(records).
 """
 _CHECK = """\
 Say what state a flight's log is in, and change nothing: the WAL is read before SQLite opens the database, every record
@@ -133,6 +136,8 @@ def _verify(reader: Reader, folder: Path, *, as_json: bool) -> int:
         if blame is not None:
             tell_blame(blame)
         print(verdict.words())
+        for text in told(redactions_of(folder)):
+            print(text, file=sys.stderr)
         _tell_signed(reader, folder)
     return os.EX_OK if verdict.holds else os.EX_DATAERR
 
@@ -152,8 +157,9 @@ def _tell_signed(reader: Reader, folder: Path) -> None:
     if signed is not None:
         last = next(iter(reader.stored(signed.seq, signed.seq + 1)), None)
         other = "" if last is not None and last.leaf.hex() == signed.leaf else ", of another log than this"
-        told = f"signed by {opened.node}: {signed.verdict} up to record {signed.seq}, software {signed.software}{other}"
-        print(told, file=sys.stderr)
+        whole = "" if reader.secret else " over the whole log"
+        verdict = f"{signed.verdict}{whole} up to record {signed.seq}, software {signed.software}{other}"
+        print(f"signed by {opened.node}: {verdict}", file=sys.stderr)
 
 
 def _report(verdict: Verdict) -> None:

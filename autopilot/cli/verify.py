@@ -104,7 +104,7 @@ def _lines(proved: Proved) -> Iterator[str]:
     """Yield what the records say, as far as this version knows their kinds."""
     for one in proved.records:
         at = Moment(0, 0, 0, one.wall_ns, 0)
-        yield line_text(line(Stored(one.seq, one.cause, at, one.kind, one.version, one.body, b"")))
+        yield line_text(line(Stored(one.seq, one.cause, at, one.kind, one.version, one.body, b"", removed=one.removed)))
 
 
 def _plain(proved: Proved) -> dict[str, Any]:

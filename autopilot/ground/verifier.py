@@ -24,7 +24,12 @@ ANSWERS = {23: 1, 43: 1, 44: 1, 45: 1, 49: 5}
 # flight_id, seq, cause, flight_ns, mono_ns, boot, wall_ns, clock_quality, kind, version, leaf before; then the body's
 _LEAF = struct.Struct(">c16sQqQQIqBHB32s32s")
 _COLUMNS = ("seq", "cause", "flight_ns", "mono_ns", "boot", "wall_ns", "clock_quality", "kind", "version")
-_BINARY = {"leaf_before": 32, "salt": 16}
+_BINARY = {"leaf_before": 32, "salt": 16, "removed": 32}
+# The parts of a record: with its body, or with the hash that stands for it where it was removed.
+_RECORD_PARTS = (
+    {*_COLUMNS, "leaf_before", "inclusion", "salt", "body"},
+    {*_COLUMNS, "leaf_before", "inclusion", "removed"},
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +41,8 @@ class ProvedRecord:
     wall_ns: int
     kind: int
     version: int
-    body: bytes
+    body: bytes  # b"" where it was removed
+    removed: bytes = b""  # the hash that stands for salt and body, where a redacted copy lacks them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,16 +64,26 @@ class Proved:
         first, *causes = self.records
         led = f" and what led to it, back to record {causes[-1].seq}," if causes else ""
         return (
-            f"Proved: record {first.seq}{led} stood, byte for byte, in the log of flight {self.flight} of node"
-            f" {self.node}, deployment {self.deployment}, as it was signed over {self.size} records by a key that the"
-            f" node certified for this flight{self._seen()}, where the trust root {self.trust_root} is the one that you"
-            f" know; not proved: that what was recorded is true, that the node's clocks were right, that its keys were"
-            f" in nobody else's hands or not revoked, and what was recorded after those {self.size} records."
+            f"Proved: record {first.seq}{led} stood, byte for byte{self._removed()}, in the log of flight"
+            f" {self.flight} of node {self.node}, deployment {self.deployment}, as it was signed over"
+            f" {self.size} records by a key that the node certified for this flight{self._seen()}, where the trust root"
+            f" {self.trust_root} is the one that you know;"
+            f" not proved: that what was recorded is true, that the node's clocks were right, that its keys were in"
+            f" nobody else's hands or not revoked, and what was recorded after those {self.size} records."
         )
 
     def _seen(self) -> str:
         """Return who had seen the log grow in order up to there, as a part of the sentence."""
         return f", cosigned by {', '.join(one.words() for one in self.cosigners)}" if self.cosigners else ""
+
+    def _removed(self) -> str:
+        """Return what can't be shown of these records any more."""
+        gone = [str(one.seq) for one in self.records if one.removed]
+        if not gone:
+            return ""
+        last = self.records[-1]
+        further = ", and with it what it answered" if last.removed and last.kind in ANSWERS else ""
+        return f" (of {' and '.join(gone)} header and hash: what was said was removed{further})"
 
 
 def check(data: bytes, trust_root: bytes | None = None) -> Proved:
@@ -94,27 +110,35 @@ def check(data: bytes, trust_root: bytes | None = None) -> Proved:
 
 
 def _is_record(one: Any) -> bool:
-    if not isinstance(one, dict) or set(one) != {*_COLUMNS, *_BINARY, "body", "inclusion"}:
+    if not isinstance(one, dict) or set(one) not in _RECORD_PARTS:
         return False
     proof = one["inclusion"]
-    texts = [one["body"], *(one[name] for name in _BINARY), *(proof if isinstance(proof, list) else [None])]
+    texts = [one[name] for name in one if name not in (*_COLUMNS, "inclusion")]
+    texts += proof if isinstance(proof, list) else [None]
     return all(type(one[name]) is int for name in _COLUMNS) and all(isinstance(text, str) for text in texts)
 
 
 def _record(one: dict[str, Any], flight_id: bytes, size: int, root: bytes) -> ProvedRecord:
     """Check that a record lies in the tree of `size` records under `root`."""
     seq, what = one["seq"], f"record {one['seq']}"
-    body, salt = base64_of(one["body"]), base64_of(one["salt"], _BINARY["salt"])
+    removed = base64_of(one["removed"], _BINARY["removed"]) if "removed" in one else b""
+    body, hashed = (b"", removed) if removed else _said(one)
     before = base64_of(one["leaf_before"], _BINARY["leaf_before"])
     try:
         columns = (one[name] for name in _COLUMNS)
-        packed = _LEAF.pack(b"\0", flight_id, *columns, before, hashlib.sha256(salt + body).digest())
+        packed = _LEAF.pack(b"\0", flight_id, *columns, before, hashed)
     except struct.error as error:
         raise ProofRefused(f"{what}: a number does not fit its column") from error
     require(0 <= seq < size, f"{what}: is not among the {size} records that were signed")
     found = _root_from(hashlib.sha256(packed).digest(), seq, size, [base64_of(each, 32) for each in one["inclusion"]])
     require(found == root, f"{what}: is not what the log holds there")
-    return ProvedRecord(seq, one["cause"], one["wall_ns"], one["kind"], one["version"], body)
+    return ProvedRecord(seq, one["cause"], one["wall_ns"], one["kind"], one["version"], body, removed)
+
+
+def _said(one: dict[str, Any]) -> tuple[bytes, bytes]:
+    """Return the body of a record and its salted hash."""
+    body, salt = base64_of(one["body"]), base64_of(one["salt"], _BINARY["salt"])
+    return body, hashlib.sha256(salt + body).digest()
 
 
 def _root_from(leaf: bytes, index: int, size: int, proof: list[bytes]) -> bytes | None:

@@ -62,7 +62,14 @@ class VehicleSection(Section):
     in_progress_timeout_s: float = Field(3.0, gt=0, le=60, description="Wait after IN_PROGRESS.")
     link_timeout_s: float = Field(5.0, gt=0, le=60, description="Silence after which the vehicle is gone.")
     position_period_s: float = Field(0.5, gt=0, le=60, description="A position is recorded at most this often.")
+    position_threshold_m: float = Field(
+        2.0, ge=0, le=1000, description="A move is recorded from here on: what GPS wanders while it stands."
+    )
+    heading_threshold_deg: float = Field(5.0, ge=0, le=180, description="A turn is recorded from here on.")
     gimbal_threshold_deg: float = Field(0.5, gt=0, le=90, description="A gimbal's move is recorded from here on.")
+    say_again_s: float = Field(
+        60, gt=0, le=3600, description="What stands still is recorded this often, so that silence means a gap."
+    )
 
 
 class FixedPose(Section):
@@ -99,6 +106,9 @@ class EyesSection(Section):
     retry_longest_s: float = Field(10, gt=0, le=600, description="Longest wait between tries.")
     message_bytes: int = Field(262_144, ge=1024, description="Longest message of a detector; 1,000 boxes fit twice.")
     detections: int = Field(300, ge=1, le=10_000, description="Boxes in one frame; more are a broken detector.")
+    empty_frame_period_s: float = Field(
+        1.0, ge=0, le=60, description="A frame with nothing in it is recorded at most this often; 0: every one."
+    )
     pose: FixedPose | None = Field(None, description="Fixed pose; absent: the vehicle's telemetry tells it.")
 
     @model_validator(mode="after")

@@ -81,7 +81,7 @@ Global___Detection: _TypeAlias = Detection  # noqa: Y015
 
 @_typing.final
 class FrameObserved(_message.Message):
-    """What the detector found in one frame; recorded for every frame, also for one with nothing in it."""
+    """What the detector found in one frame; recorded for every frame with something in it, the others thinned at the edge."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -91,6 +91,7 @@ class FrameObserved(_message.Message):
     CAPTURED_NS_FIELD_NUMBER: _builtins.int
     LATENCY_US_FIELD_NUMBER: _builtins.int
     DETECTIONS_FIELD_NUMBER: _builtins.int
+    EMPTY_BEFORE_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     camera: _builtins.int
@@ -101,6 +102,8 @@ class FrameObserved(_message.Message):
     """Monotonic time of capture in nanoseconds; for a file its own time."""
     latency_us: _builtins.int
     """Time from capture to the result in microseconds."""
+    empty_before: _builtins.int
+    """Frames with nothing in them, since the record before, that have no record of their own; absent for none."""
     @_builtins.property
     def detections(self) -> _containers.RepeatedCompositeFieldContainer[Global___Detection]:
         """What was found, in the detector's order."""
@@ -114,10 +117,11 @@ class FrameObserved(_message.Message):
         captured_ns: _builtins.int | None = ...,
         latency_us: _builtins.int | None = ...,
         detections: _abc.Iterable[Global___Detection] | None = ...,
+        empty_before: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "captured_ns", b"captured_ns", "detections", b"detections", "frame_seq", b"frame_seq", "latency_us", b"latency_us", "vehicle", b"vehicle"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "captured_ns", b"captured_ns", "detections", b"detections", "empty_before", b"empty_before", "frame_seq", b"frame_seq", "latency_us", b"latency_us", "vehicle", b"vehicle"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "captured_ns", b"captured_ns", "detections", b"detections", "frame_seq", b"frame_seq", "latency_us", b"latency_us", "vehicle", b"vehicle"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "captured_ns", b"captured_ns", "detections", b"detections", "empty_before", b"empty_before", "frame_seq", b"frame_seq", "latency_us", b"latency_us", "vehicle", b"vehicle"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

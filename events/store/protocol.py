@@ -32,7 +32,7 @@ class Reader(Protocol):
 
     @property
     def secret(self) -> bytes:
-        """The 32 bytes that the salts derive from."""
+        """The 32 bytes that the salts derive from; b"" for a redacted copy, whose records carry their own."""
 
     @property
     def head(self) -> Head:

@@ -21,6 +21,7 @@ from events.store.head import HeadFile
 from events.store.protocol import Head, StoreFailed, StoreMissing
 from events.store.reserve import Reserve
 from events.store.structure import misfit
+from events.store.tables import COPY, LOG, REDACTED
 
 # The WAL-reset race (3.7.0 to 3.51.2) corrupts a database that has two connections, and readers have their own.
 OLDEST_SQLITE = 3_051_003
@@ -29,26 +30,13 @@ IDLE_PAGES = 256
 # Moved into the database even under load: a WAL of 16 MiB still opens in well under a second.
 LOADED_PAGES = 4096
 
-_SCHEMA = """
-CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB NOT NULL) WITHOUT ROWID;
-CREATE TABLE record (
-    seq INTEGER PRIMARY KEY,
-    cause INTEGER NOT NULL,
-    flight_ns INTEGER NOT NULL,
-    mono_ns INTEGER NOT NULL,
-    boot INTEGER NOT NULL,
-    wall_ns INTEGER NOT NULL,
-    clock_quality INTEGER NOT NULL,
-    kind INTEGER NOT NULL,
-    version INTEGER NOT NULL,
-    body BLOB NOT NULL,
-    leaf BLOB NOT NULL
-);
-"""
-# Signed notes, outside the chain.
-_CHECKPOINTS = "CREATE TABLE checkpoint (size INTEGER PRIMARY KEY, note TEXT NOT NULL)"
 _INSERT = "INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
-_SELECT = "SELECT * FROM record WHERE seq >= ? AND seq < ? ORDER BY seq"
+_HEADER = "seq, cause, flight_ns, mono_ns, boot, wall_ns, clock_quality, kind, version"
+_RANGE = "FROM record WHERE seq >= ? AND seq < ? ORDER BY seq"
+_SELECT = f"SELECT {_HEADER}, body, leaf {_RANGE}"
+# Of a redacted copy (events/store/redacted.py): a removed body and its salt are NULL, and so is the hash of one that is
+# there.
+_SELECT_REDACTED = f"SELECT {_HEADER}, coalesce(body, x''), leaf, coalesce(salt, x''), coalesce(removed, x'') {_RANGE}"
 _END = (1 << 63) - 1
 
 _PRAGMAS = {
@@ -79,7 +67,7 @@ class SqliteReader:
 
     def stored(self, start: int = 0, stop: int | None = None) -> Iterator[Stored]:
         """Yield the rows with start <= seq < stop."""
-        return _stored(self._connection, start, stop)
+        return _stored(self._connection, start, stop, _SELECT if self.secret else _SELECT_REDACTED)
 
     def checkpoints(self) -> list[tuple[int, str]]:
         """Return size and signed note of every checkpoint, oldest first."""
@@ -88,7 +76,7 @@ class SqliteReader:
     def misfit(self) -> str:
         """Return what is wrong with the file beside its records, "" where nothing is. Raises StoreFailed."""
         try:
-            return misfit(self._connection, _SCHEMA + _CHECKPOINTS)
+            return misfit(self._connection, LOG if self.secret else COPY)
         except (apsw.Error, UnicodeDecodeError) as error:
             raise StoreFailed(f"the log could not be read: {error}") from error
 
@@ -108,10 +96,12 @@ class SqliteStore:
         self._broken = False
         self._wal_pages = 0
         with _opening(self._connection, path):
+            self.flight_id, self.secret = _identity(self._connection)
+            if not self.secret:
+                raise StoreFailed(f"{path} is a redacted copy: nothing more is recorded in it")
             _set_pragmas(self._connection)
             self._connection.set_wal_hook(self._committed)
             self._begin_wal_anew()
-            self.flight_id, self.secret = _identity(self._connection)
             self.head = _head(self._connection)
             self._signed = max((size for size, _ in _checkpoints(self._connection)), default=0)
             self._head_file = self._open_head_file(path.parent)
@@ -131,7 +121,7 @@ class SqliteStore:
         with _opening(connection, path):
             _set_pragmas(connection)
             with connection:
-                connection.execute(_SCHEMA + _CHECKPOINTS)
+                connection.execute(LOG)
                 meta = {"flight_id": flight_id, "secret": secret}
                 connection.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
             connection.close()
@@ -312,12 +302,12 @@ def _set_pragmas(connection: apsw.Connection) -> None:
 
 def _identity(connection: apsw.Connection) -> tuple[bytes, bytes]:
     try:
-        rows: Any = connection.execute("SELECT value FROM meta WHERE name IN ('flight_id', 'secret') ORDER BY name")
-        (flight_id,), (secret,) = rows.fetchall()
-        if (_length(flight_id), _length(secret)) != (FLIGHT_ID_BYTES, SECRET_BYTES):
+        meta: dict[str, Any] = dict(connection.execute("SELECT name, value FROM meta"))
+        flight_id, secret = meta["flight_id"], b"" if REDACTED in meta else meta["secret"]
+        if _length(flight_id) != FLIGHT_ID_BYTES or (_length(secret) != SECRET_BYTES and REDACTED not in meta):
             raise ValueError("its id or its secret is damaged")
         return flight_id, secret
-    except (apsw.Error, ValueError) as error:
+    except (apsw.Error, KeyError, ValueError) as error:
         raise StoreFailed(f"this is not the log of a flight: {error}") from error
 
 
@@ -335,10 +325,10 @@ def _head(connection: apsw.Connection) -> Head:
     return Head(-1, FIRST_LEAF_BEFORE) if row is None else Head(row[0], row[1])
 
 
-def _stored(connection: apsw.Connection, start: int, stop: int | None) -> Iterator[Stored]:
+def _stored(connection: apsw.Connection, start: int, stop: int | None, select: str = _SELECT) -> Iterator[Stored]:
     try:
-        for row in connection.execute(_SELECT, (start, _END if stop is None else stop)):
-            yield Stored(row[0], row[1], Moment(*row[2:7]), row[7], row[8], row[9], row[10])
+        for row in connection.execute(select, (start, _END if stop is None else stop)):
+            yield Stored(row[0], row[1], Moment(*row[2:7]), *row[7:])
     except (apsw.Error, UnicodeDecodeError) as error:
         raise StoreFailed(f"the log could not be read: {error}") from error
 

@@ -13,7 +13,7 @@ from events import Record
 from events.schema.common_pb2 import Moved
 from replay.blame.case import Case
 from replay.blame.findings import Cause, Finding, Weight
-from statecharts import CHARTS, LOGIC, charts_digest, step
+from statecharts import CHARTS, charts_digest, logic, step
 
 
 def code(case: Case, software: str | None, *, lifted: bool) -> Finding:
@@ -23,7 +23,7 @@ def code(case: Case, software: str | None, *, lifted: bool) -> Finding:
     """
     opened = case.manifest
     rules = [
-        *([f"logic {opened.logic}, here {LOGIC}"] if opened.logic != LOGIC else []),
+        *([f"logic {opened.logic}, here {logic.LOGIC}"] if opened.logic != logic.LOGIC else []),
         *(["other rows of charts"] if opened.charts_digest != charts_digest() else []),
     ]
     version = [f"software {opened.software}, here {software}"] if software not in (None, opened.software) else []

@@ -90,7 +90,17 @@ def _frame(state: State, record: Record) -> None:
     assert isinstance(frame, FrameObserved)
     key = fitting_key(frame.vehicle, frame.camera)
     scan = state.scans.get(key) or Scan()
-    state.scans.put(key, scan._replace(captures=(*scan.captures[1 - RATE_FRAMES :], frame.captured_ns)))
+    captures = (*scan.captures, *_between(scan.captures, frame), frame.captured_ns)
+    state.scans.put(key, scan._replace(captures=captures[-RATE_FRAMES:]))
+
+
+def _between(captures: tuple[int, ...], frame: FrameObserved) -> tuple[int, ...]:
+    """Return when the frames that have no record of their own were captured: evenly since the one before."""
+    if not captures or not frame.empty_before:
+        return ()
+    before_ns, gaps = captures[-1], frame.empty_before + 1
+    count = min(frame.empty_before, RATE_FRAMES)
+    return tuple(frame.captured_ns - (frame.captured_ns - before_ns) * back // gaps for back in range(count, 0, -1))
 
 
 def _look(state: State, record: Record) -> None:

@@ -13,7 +13,7 @@ from events import KINDS, NO_CAUSE, Moment, make_record
 from projections.canonical import Decimal as Number
 from projections.canonical import decimal, json_text
 from projections.describe import close_words, describe, result_word
-from projections.words import scaled, short, timestamp
+from projections.words import ranges, scaled, short, timestamp
 from tests.flights import said, story
 
 NS_PER_S = 1_000_000_000
@@ -96,3 +96,12 @@ def test_a_float_is_refused(value: object) -> None:
     """And whatever else has no one way of being written."""
     with pytest.raises(TypeError):
         json_text(value)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "text"),
+    [([], ""), ([5], "5"), ([4, 1, 2, 3, 9], "1-4,9"), ([1, 1, 3], "1,3"), (range(3, 6), "3-5")],
+)
+def test_ranges(numbers: list[int], text: str) -> None:
+    """In order, each once."""
+    assert ranges(numbers) == text

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.house import REPO
-from tests.torture import attacks, blame, faults, kills, matrix, powercut, rot, witness
+from tests.torture import attacks, blame, faults, kills, matrix, powercut, redact, rot, witness
 
 RESULTS = Path(__file__).with_name("results")
 Report = Callable[[str], None]
@@ -30,6 +30,7 @@ AREAS: dict[str, Run] = {
     "kills": kills.run,
     "matrix": matrix.run,
     "powercut": powercut.run,
+    "redact": redact.run,
     "rot": rot.run,
     "witness": witness.run,
 }

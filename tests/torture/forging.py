@@ -84,7 +84,7 @@ class Log:
         connection.pragma("synchronous", 0)
         with connection:
             connection.execute("DELETE FROM record")
-            rows = [(row.seq, row.cause, *row.at, *row[3:]) for row in self.rows]
+            rows = [(row.seq, row.cause, *row.at, *row[3:7]) for row in self.rows]
             connection.executemany("INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", rows)
             connection.execute("DELETE FROM checkpoint")
             connection.executemany("INSERT INTO checkpoint VALUES (?, ?)", list(self.checkpoints.items()))

@@ -1,9 +1,10 @@
 """The node's side of the eyes: keeps a source of batches going and offers what it sees.
 
 One task reads batches, judges them, gives the detections their places and offers one
-`FrameObserved` a frame. A source that is lost, or that sends what cannot be used, is dropped and
-opened again after a growing wait; each change of state is an `EyesChanged`. Nothing that a
-detector sends raises out of here: it is counted in `rejected` by name.
+`FrameObserved` a frame; of frames with nothing in them only some (`thinning`). A source that is
+lost, or that sends what cannot be used, is dropped and opened again after a growing wait; each
+change of state is an `EyesChanged`. Nothing that a detector sends raises out of here: it is counted
+in `rejected` by name.
 
 What a detection means is not decided here; which class is worth recording is configuration.
 """
@@ -22,6 +23,7 @@ from autopilot.adapters.eyes.framing import Broken, read_framed
 from autopilot.adapters.eyes.judging import Rejection, judged
 from autopilot.adapters.eyes.places import Places
 from autopilot.adapters.eyes.sources import Lost, Refused, Source, source_of
+from autopilot.adapters.eyes.thinning import Empties
 from autopilot.geo import Origin
 from autopilot.ports.config import EyesSection
 from autopilot.ports.edges import Clock, InputClass, Offer, PoseSource
@@ -71,6 +73,7 @@ class Eyes:
         self._offer, self._clock, self._room, self._sleep = offer, clock, room, sleep
         self._camera, self._vehicle = camera, vehicle
         self._places = Places(settings, origin, pose_source, groups)
+        self._empties = Empties(settings.empty_frame_period_s)
         self._waits = settings.source == "file" and settings.pace == "fast"
         self._source = source or source_of(settings, camera)
         self._task: asyncio.Task[None] | None = None
@@ -120,6 +123,7 @@ class Eyes:
     async def _look(self) -> str:
         """Read one source to its end and return why it ended; raises `Lost` where it did not say."""
         self._running_since_ns = None
+        self._empties.begin()
         try:
             reader = await self._source.open()
             return await self._read(reader)
@@ -164,6 +168,8 @@ class Eyes:
         await self._tell("running", "", batch.model)
         captured_ns = batch.captured_ns or self._clock.mono_ns()
         observed = self._places.observed(batch, self._vehicle, captured_ns)
+        if not self._empties.news(observed):
+            return
         while self._waits and not self._room():
             await self._sleep(ROOM_POLL_S)
         self._offer(InputClass.FRAME, observed)

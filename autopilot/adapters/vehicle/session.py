@@ -235,6 +235,7 @@ class Session:
         self._known = vehicle
         self._exchange.aim(None if vehicle is None else vehicle.sender)
         self._out.append(Report(InputClass.OUTCOME, VehicleLinkChanged(vehicle=1, up=vehicle is not None)))
+        self.telemetry.begin()
         if vehicle is None:
             self._state = None
         self._streams.reset(now_ns)

@@ -1,9 +1,11 @@
 """Telemetry into observations: thinned, and measured against what was asked of the gimbal.
 
-What is reported: the autopilot's state when it changed; a position each `position_period_s`, once
-places can be made; the gimbal when it moved by more than `gimbal_threshold_deg`, when its error
+What is reported: the autopilot's state when it changed; a position, once places can be made, when it
+moved by more than `position_threshold_m` or turned by more than `heading_threshold_deg`, at most each
+`position_period_s`; the gimbal when it moved by more than `gimbal_threshold_deg`, when its error
 crossed the tolerance of arrival, when another pointing is measured against, and once after each
-accepted pointing (so that one which was there already is seen to have arrived).
+accepted pointing (so that one which was there already is seen to have arrived). What stands still is
+said again each `say_again_s`, and everything is said in full at the start and when the vehicle came back.
 
 What GIMBAL_DEVICE_ATTITUDE_STATUS says is a measurement only where the gimbal measures. A servo
 mount under ArduPilot reports what its servos were told, and mixes the vehicle's tilt into it;
@@ -14,18 +16,20 @@ State and link reports are made by `session`; nothing here sends anything.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from google.protobuf.message import Message
 
 from autopilot.adapters.vehicle.heard import Attitude, GimbalAttitude, Position, Sender
-from autopilot.adapters.vehicle.pointing import Direction, angle_between, direction_to
+from autopilot.adapters.vehicle.pointing import Direction, angle_between, direction_to, wrapped
 from autopilot.adapters.vehicle.poses import Poses, VehicleTime, Whereabouts
 from autopilot.ports.config import VehicleSection
 from events.schema.common_pb2 import Place
 from events.schema.vehicle_pb2 import GimbalReported, PointAtAngles, PointAtPlace, PositionReported
 
 MakePlace = Callable[[float, float, float], Place | None]
+_M_PER_E7 = 0.011132  # metres of a meridian in 1e-7 degrees: near enough for a deadband
 SENDERS_MAX = 8  # components of one vehicle with clocks of their own
 
 
@@ -62,12 +66,14 @@ class Telemetry:
 
     def __init__(self, settings: VehicleSection, place: MakePlace, arrival_tolerance_deg: float) -> None:
         self._period_ns = round(settings.position_period_s * 1e9)
-        self._threshold_deg = settings.gimbal_threshold_deg
-        self._tolerance_deg = arrival_tolerance_deg
+        self._again_ns = round(settings.say_again_s * 1e9)
+        self._settings = settings
+        self._tolerance_cdeg = round(arrival_tolerance_deg * 100)  # as the core has it: both see the same arrival
         self._place = place
         self._times: dict[Sender, VehicleTime] = {}
-        self._position_ns: int | None = None
+        self._position: tuple[int, Position] | None = None  # when and what was reported
         self._reported: tuple[Direction, int, bool] | None = None  # view, effect measured against, arrived
+        self._reported_ns = 0
         self.poses = Poses()
         self.pointing = Pointing()
 
@@ -75,17 +81,40 @@ class Telemetry:
         """Report the gimbal with its next message, moved or not."""
         self._reported = None
 
+    def begin(self) -> None:
+        """Report everything with its next message: the vehicle is there, or there again."""
+        self._position = self._reported = None
+
     def position(self, now_ns: int, heard: Position) -> PositionReported | None:
         """Buffer a position; return it when it is time to report one."""
         at_ns = self._stamp(now_ns, heard.sender, heard.boot_ms)
         self.poses.add_position(at_ns, heard)
-        if self._position_ns is not None and at_ns < self._position_ns + self._period_ns:
+        if not self._moved(at_ns, heard):
             return None
         place = self._place(heard.latitude_e7 / 1e7, heard.longitude_e7 / 1e7, heard.altitude_mm / 1000)
         if place is None:
             return None
-        self._position_ns = at_ns
+        self._position = at_ns, heard
         return PositionReported(vehicle=1, place=place, height_mm=heard.height_mm, heading_cdeg=heard.heading_cdeg)
+
+    def _moved(self, at_ns: int, heard: Position) -> bool:
+        """Whether a position is to be reported: it is another than the last one, or that was long ago."""
+        if self._position is None:
+            return True
+        before_ns, before = self._position
+        since_ns = at_ns - before_ns
+        if not self._period_ns <= since_ns < self._again_ns:
+            return since_ns >= self._again_ns
+        north_m = (heard.latitude_e7 - before.latitude_e7) * _M_PER_E7
+        across = math.cos(math.radians(heard.latitude_e7 / 1e7))
+        east_m = wrapped((heard.longitude_e7 - before.longitude_e7) / 1e7) * 1e7 * _M_PER_E7 * across
+        up_m = (heard.altitude_mm - before.altitude_mm) / 1000
+        if math.hypot(north_m, east_m, up_m) > self._settings.position_threshold_m:
+            return True
+        if heard.heading_cdeg is None or before.heading_cdeg is None:
+            return heard.heading_cdeg != before.heading_cdeg
+        turned_deg = abs(wrapped((heard.heading_cdeg - before.heading_cdeg) / 100))
+        return turned_deg > self._settings.heading_threshold_deg
 
     def attitude(self, now_ns: int, heard: Attitude) -> None:
         """Buffer an attitude."""
@@ -101,23 +130,24 @@ class Telemetry:
         view = Direction(*angles)
         expected = None if vehicle is None else self.pointing.expected(vehicle)
         error_deg = None if expected is None else angle_between(view, expected)
-        return self._news(view, error_deg)
+        return self._news(at_ns, view, None if error_deg is None else round(error_deg * 100))
 
-    def _news(self, view: Direction, error_deg: float | None) -> GimbalReported | None:
-        effect_seq = -1 if error_deg is None else self.pointing.effect_seq
-        arrived = error_deg is not None and error_deg <= self._tolerance_deg
-        if self._reported is not None:
+    def _news(self, at_ns: int, view: Direction, error_cdeg: int | None) -> GimbalReported | None:
+        effect_seq = -1 if error_cdeg is None else self.pointing.effect_seq
+        arrived = error_cdeg is not None and error_cdeg <= self._tolerance_cdeg
+        if self._reported is not None and at_ns < self._reported_ns + self._again_ns:
             before, *rest = self._reported
-            if rest == [effect_seq, arrived] and angle_between(view, before) <= self._threshold_deg:
+            still = angle_between(view, before) <= self._settings.gimbal_threshold_deg
+            if still and rest == [effect_seq, arrived]:
                 return None
-        self._reported = (view, effect_seq, arrived)
+        self._reported, self._reported_ns = (view, effect_seq, arrived), at_ns
         return GimbalReported(
             vehicle=1,
             gimbal=1,
             pitch_cdeg=round(view.pitch_deg * 100),
             yaw_cdeg=round(view.yaw_deg * 100) % 36_000,
-            effect_seq=None if error_deg is None else effect_seq,
-            error_cdeg=None if error_deg is None else round(error_deg * 100),
+            effect_seq=None if error_cdeg is None else effect_seq,
+            error_cdeg=error_cdeg,
         )
 
     def _stamp(self, now_ns: int, sender: Sender, boot_ms: int) -> int:

@@ -59,7 +59,7 @@ def check_eyes(
             await asyncio.Event().wait()
 
     async def run() -> Eyes:
-        section = EyesSection.model_validate({**(settings or FILE), "silence_s": 0.01})
+        section = EyesSection.model_validate({"empty_frame_period_s": 0, **(settings or FILE), "silence_s": 0.01})
         eyes = Eyes(
             section,
             inbox,

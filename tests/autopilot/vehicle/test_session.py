@@ -18,6 +18,7 @@ from events.schema.vehicle_pb2 import (
     VehicleStateReported,
 )
 from tests.autopilot.vehicle.vehicles import (
+    LATITUDE_E7,
     PEER,
     Bench,
     S,
@@ -124,7 +125,7 @@ def test_positions_are_thinned_and_wait_for_the_origin() -> None:
     assert bench.reported(PositionReported) == []
     known[0] = True
     for tenth in range(1, 21):
-        bench.hear(tenth / 10, position(tenth * 100))
+        bench.hear(tenth / 10, position(tenth * 100, lat=LATITUDE_E7 + tenth * 100))
     assert len(bench.reported(PositionReported)) == 4
     (first, *_) = bench.reported(PositionReported)
     assert first == PositionReported(vehicle=1, place=at_place().place, height_mm=30_000, heading_cdeg=9_000)
