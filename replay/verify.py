@@ -32,6 +32,7 @@ from events.tree import Peaks
 from projections.describe import describe
 from replay.causes import Line, chain, line
 from replay.fields import first_difference
+from replay.states import SignedStates
 from replay.verdict import Divergence, Outcome, Verdict
 from statecharts import State, restore, step
 
@@ -79,6 +80,7 @@ class _Run:
         self.first: Divergence | None = None
         self.diverged = 0
         self.sealed = Chain(reader.flight_id, reader.secret)
+        self.states = SignedStates(reader.checkpoints(), self.state)
 
     def whole(self, progress: Progress) -> None:
         """Check and replay everything. Raises _Ended."""
@@ -149,12 +151,14 @@ class _Run:
             _check_manifest(observation, self.reader.flight_id)
         replayed = step(self.state, observation).records
         self.decisions += len(recorded) - 1
-        if len(replayed) == len(recorded) and all(map(_same, recorded, replayed)):
-            return
-        self.diverged += 1
-        if self.first is None:
-            self.first = _divergence(self.reader, recorded, replayed)
-        self._follow(recorded, observation)
+        if len(replayed) != len(recorded) or not all(map(_same, recorded, replayed)):
+            self.diverged += 1
+            if self.first is None:
+                self.first = _divergence(self.reader, recorded, replayed)
+            self._follow(recorded, observation)
+        if (other := self.states.after(recorded[-1].seq)) is not None:
+            self.diverged += 1
+            self.first = self.first or other
 
     def _follow(self, recorded: Sequence[Stored], observation: Record) -> None:
         """Go on from what was recorded; where that can't be applied, from what was replayed."""

@@ -15,6 +15,7 @@ from google.protobuf.message import DecodeError
 
 from autopilot.cli.bar import Bar
 from autopilot.cli.flight import USAGE, folder_of, with_flight
+from autopilot.cli.seeking import show_at
 from autopilot.trust.notes import NoteInvalid
 from autopilot.trust.replayed import VERDICT_FILE, read_verdict
 from events import UnknownKind, kind_named
@@ -31,6 +32,7 @@ examples:
   autopilot replay verify flights/000001-1a2b3c4d --json
   autopilot replay show flights/000001-1a2b3c4d --from 100 --to 160
   autopilot replay show flights/000001-1a2b3c4d --kind order_received
+  autopilot replay show flights/000001-1a2b3c4d --at 160
   autopilot replay why flights/000001-1a2b3c4d 142
   autopilot replay check flights/000001-1a2b3c4d
 
@@ -45,7 +47,10 @@ Say what state a flight's log is in, and change nothing: the WAL is read before 
 is held against the chain, and the end of the log against its head file. A torn tail, as a power cut leaves it, is
 sound; a missing head file is not, for then nothing tells whether records are missing at the end.
 """
-_SHOW = "Print a flight's records, one a line: seconds of the flight, seq, kind, and what it says."
+_SHOW = """\
+Print a flight's records, one a line: seconds of the flight, seq, kind, and what it says. With --at: the state after one
+record instead, from the nearest snapshot before it: which tables have how many rows, and what was open.
+"""
 _WHY = "Print what led to a record, back to the observation that it came from, and everything that it led to."
 
 
@@ -66,6 +71,8 @@ def add(commands: Any) -> None:
     one.add_argument("--from", dest="start", type=_seq, default=0, metavar="SEQ", help="first record (default 0)")
     one.add_argument("--to", dest="stop", type=_seq, default=None, metavar="SEQ", help="last record (default: the end)")
     one.add_argument("--kind", default="", help="only records of this kind, e.g. order_received")
+    one.add_argument("--at", type=_seq, default=None, metavar="SEQ", help="no records: the state after this one")
+    one.add_argument("--json", action="store_true", help="with --at: print the state as one JSON object")
     one.set_defaults(run=run_show)
     one = _command(own, "why", "print causes and consequences of a record", _WHY)
     one.add_argument("seq", type=_seq, metavar="SEQ", help="number of the record")
@@ -153,11 +160,20 @@ def run_check(args: argparse.Namespace) -> int:
 def run_show(args: argparse.Namespace) -> int:
     """Print records; return the exit code."""
     stop = None if args.stop is None else args.stop + 1
+    if args.at is not None:
+        return _show_at(args.flight, args.at, as_json=args.json)
     try:
         kind = kind_named(args.kind) if args.kind else None
     except UnknownKind as error:
         return _wrong(str(error))
     return with_flight(args.flight, lambda reader: _print(show(reader, args.start, stop, kind)))
+
+
+def _show_at(flight: str, seq: int, *, as_json: bool) -> int:
+    try:
+        return with_flight(flight, lambda reader: show_at(reader, folder_of(flight), seq, as_json=as_json))
+    except LookupError as error:
+        return _wrong(str(error))
 
 
 def run_why(args: argparse.Namespace) -> int:

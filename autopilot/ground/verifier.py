@@ -28,7 +28,9 @@ ANSWERS = {23: 1, 43: 1, 44: 1, 45: 1, 49: 5}
 _LEAF = struct.Struct(">c16sQqQQIqBHB32s32s")
 _COLUMNS = ("seq", "cause", "flight_ns", "mono_ns", "boot", "wall_ns", "clock_quality", "kind", "version")
 _BINARY = {"leaf_before": 32, "salt": 16}
-_CHECKPOINT = re.compile(r"(\S+)\n(0|[1-9]\d{0,18})\n(\S{44})\nflight_ns (0|[1-9]\d{0,18})\n", re.ASCII)
+_CHECKPOINT = re.compile(
+    r"(\S+)\n(0|[1-9]\d{0,18})\n(\S{44})\nflight_ns (0|[1-9]\d{0,18})\n(?:state [0-9a-f]{8} (\S{44})\n)?", re.ASCII
+)
 _LOG_KEY = re.compile(
     r"waypoint/log-key/v1\n(waypoint/([a-z0-9-]{1,64})/([a-z0-9-]{1,64}))/([1-9]\d{0,9})\n"
     r"flight ([0-9a-f]{32})\nkey (\S{44})\n",
@@ -92,8 +94,10 @@ def check(data: bytes, trust_root: bytes | None = None) -> Proved:
     _require(signer == f"waypoint/{deployment}/{node}", "log_key: certified for another node")
     origin = f"{signer}/{flight}"
     text = _note(proof["checkpoint"], origin, _base64(log_key, 32))
-    log, size, tree_root, signed_ns = _fields_of(_CHECKPOINT, text, "checkpoint")
+    log, size, tree_root, signed_ns, state = _fields_of(_CHECKPOINT, text, "checkpoint")
     _require(log == origin, "checkpoint: of another log than its key may sign")
+    if state:
+        _base64(state, 32)
     root_hash = _base64(tree_root, 32)
     found = [_record(one, bytes.fromhex(flight_id), int(size), root_hash) for one in proof["records"]]
     _chained(found)

@@ -28,6 +28,7 @@ from autopilot.node.limits import configuration_message
 from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.loop import NodeLoop, Stop
 from autopilot.node.projecting import Projecting
+from autopilot.node.restoring import Keeper
 from autopilot.node.sealing import Sealer
 from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
 from autopilot.node.verdicts import Verdicts
@@ -165,7 +166,7 @@ class Daemon:
         return loop.is_alive() and self._clock.mono_ns() - loop.turned_ns < UNWELL_AFTER_NS
 
     def _flights(self, identity: Identity) -> Flights:
-        config = self._config
+        config, sealer = self._config, Sealer(identity, self._clock)
         models = [config.eyes.model] if config.eyes.source in ("file", "device") else []
         return Flights(
             Path(config.node.flights),
@@ -181,7 +182,8 @@ class Daemon:
                 ),
             ),
             self._clock,
-            sealer=Sealer(identity, self._clock),
+            sealer=sealer,
+            keeper=Keeper(sealer, version("autopilot"), lambda: self._board.folded, self._board.recall),
         )
 
 

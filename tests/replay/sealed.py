@@ -30,8 +30,9 @@ def sealed_story(root: Path, *, close: bool = True) -> Sealed:
     """Write the whole story, signed once; closed, its key is erased."""
     clock = FakeClock()
     flight, store = create_flight(root, 1, FLIGHT_ID, SECRET)
-    sealing = sealer(clock).open(flight, store)
-    store.append(story().records)
+    told = story()
+    sealing = sealer(clock).open(flight, store, told.state)
+    store.append(told.records)
     if close:
         sealing.close(5_000)
         store.close()
