@@ -110,9 +110,9 @@ def _plain(value: Any) -> Any:
 
 
 def _message(kind: Any, data: Any) -> Any:
-    if isinstance(data, bytes) and issubclass(kind, Message):
-        return kind.FromString(data)
-    raise NotImplementedError(f"no row holds a {kind.__name__}")
+    if not isinstance(data, bytes):
+        raise ValueError(f"a {kind.__name__} is bytes")
+    return kind.FromString(data)
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=_plain, order="deterministic")
