@@ -10,7 +10,7 @@ The grid is left out: it follows from the objects. So are the journal and everyt
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from hashlib import sha256
 from types import UnionType
@@ -142,19 +142,18 @@ def _reader(kind: Any) -> Callable[[bytes], Any]:
 _READERS = {column.name: (_reader(column.key), _reader(column.row)) for column in COLUMNS}
 
 
-def read_rows(name: str, rows: dict[bytes, bytes]) -> Iterator[tuple[Any, Any]]:
-    """Yield the keys and rows of a table from their bytes. Raises RowBroken."""
+def read_rows(name: str, rows: dict[bytes, bytes]) -> list[tuple[Any, Any]]:
+    """Return the keys and rows of a table from their bytes. Raises RowBroken."""
     read_key, read_row = _READERS[name]
     try:
-        for key, row in rows.items():
-            value = read_row(row)
-            yield read_key(key), _record(value) if isinstance(value, _Frame) else value
+        values = map(read_row, rows.values())
+        return list(zip(map(read_key, rows), map(_record, values) if name == "frame" else values, strict=True))
     except (msgspec.DecodeError, msgspec.ValidationError, DecodeError, UnknownKind, BodyBroken) as error:
         raise RowBroken(f"{name}: {error}") from error
 
 
-def _record(frame: _Frame) -> Record:
-    return read_record(Stored(*frame, leaf=b""))
+def _record(frame: _Frame | None) -> Record | None:
+    return None if frame is None else read_record(Stored(*frame, leaf=b""))
 
 
 def table_of(state: State, name: str) -> Any:

@@ -11,6 +11,7 @@ Sums of hashes of 256 bits could be forged from rows that somebody chooses, by a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from hashlib import sha256, shake_128
 from typing import Any
 
@@ -25,18 +26,19 @@ Rows = dict[str, dict[bytes, bytes]]  # by table and key, as `codec` writes them
 Sums = dict[str, int]
 
 
-def element(name: str, key: bytes, row: bytes) -> int:
-    """Return what one row adds to the sum of its table."""
-    text = b"%b\0%b%b%b" % (name.encode(), len(key).to_bytes(4, "big"), key, row)
-    return int.from_bytes(shake_128(text).digest(ELEMENT_BYTES), "big")
-
-
 def sums_of(rows: Rows) -> Sums:
     """Return the sum of every table that these rows are the whole of."""
-    return {
-        column.name: sum(element(column.name, key, row) for key, row in rows.get(column.name, {}).items()) & _MASK
-        for column in COLUMNS
-    }
+    return {column.name: total(column.name, rows.get(column.name, {}).items()) for column in COLUMNS}
+
+
+def total(name: str, rows: Iterable[tuple[bytes, bytes]]) -> int:
+    """Return the sum of what keys and rows of one table add to it."""
+    before, found, shake, number = name.encode() + b"\0", 0, shake_128, int.from_bytes
+    for key, row in rows:
+        found += number(
+            shake(b"%b%b%b%b" % (before, len(key).to_bytes(4, "big"), key, row)).digest(ELEMENT_BYTES), "big"
+        )
+    return found & _MASK
 
 
 def combined(sums: Sums) -> bytes:
@@ -84,7 +86,7 @@ class StateDigest:
         return changed
 
     def _take_in(self, name: str, table: Any, before: dict[Any, Any], changed: dict[bytes, bytes]) -> None:
-        total = self.sums[name]
+        gone, come = [], []
         for key, old in before.items():
             now = table.held(key)
             if now is old:
@@ -92,10 +94,10 @@ class StateDigest:
             written = encode(key)
             changed[written] = b"" if now is ABSENT else encode(now)
             if old is not ABSENT:
-                total -= element(name, written, encode(old))
+                gone.append((written, encode(old)))
             if now is not ABSENT:
-                total += element(name, written, changed[written])
-        self.sums[name] = total & _MASK
+                come.append((written, changed[written]))
+        self.sums[name] = (self.sums[name] - total(name, gone) + total(name, come)) & _MASK
 
     @property
     def value(self) -> bytes:

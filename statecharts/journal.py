@@ -11,7 +11,7 @@ a digest of the whole state has to look at (`digest`). Nobody pays for that befo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Generic, Protocol, TypeVar
 
 K = TypeVar("K", bound=Any)
@@ -133,12 +133,16 @@ class Keyed(Generic[K, V]):
         """Return all rows by key, in no order that means anything."""
         return dict(self._rows)
 
+    def load(self, rows: Iterable[tuple[K, V]]) -> None:
+        """Put rows into a table that is new, and note nothing."""
+        self._rows.update(rows)
+
     def held(self, key: K) -> Any:
         """Return the row of a key, ABSENT where it is not there."""
         return self._rows.get(key, ABSENT)
 
     def put_back(self, key: K, old: Any, /) -> None:
-        """Let `key` hold `old`, which may be ABSENT, and note nothing: for the journal, and for loading."""
+        """Let `key` hold `old`, which may be ABSENT, and note nothing: for the journal alone."""
         if old is ABSENT:
             del self._rows[key]
         else:
@@ -168,12 +172,17 @@ class Single(Generic[V]):
         """Return the value as the row of key None."""
         return {None: self._value}
 
+    def load(self, rows: Iterable[tuple[None, V]]) -> None:
+        """Let it be the row of key None, where there is one, and note nothing."""
+        for _, self._value in rows:
+            pass
+
     def held(self, _key: None) -> Any:
         """Return the value."""
         return self._value
 
     def put_back(self, _key: None, old: Any, /) -> None:
-        """Let it be `old`, and note nothing: for the journal, and for loading."""
+        """Let it be `old`, and note nothing: for the journal alone."""
         self._value = old
 
 

@@ -100,9 +100,7 @@ def load(chunks: Sequence[Chunk]) -> Loaded:
     state = State()
     try:
         for column in COLUMNS:
-            table = table_of(state, column.name)
-            for key, row in read_rows(column.name, rows[column.name]):
-                table.put_back(key, row)
+            table_of(state, column.name).load(read_rows(column.name, rows[column.name]))
         _derive(state)
     except (RowBroken, LookupError) as error:
         raise SnapshotUnfit(str(error)) from error
@@ -115,8 +113,7 @@ def _derive(state: State) -> None:
     """Make the tables that follow from others."""
     if len(state.objects):
         size_mm = state.flight.limits.same_object_mm
-        for cell, numbers in grid_of(state.objects.values(), size_mm).items():
-            state.grid.put_back(cell, numbers)
+        state.grid.load(grid_of(state.objects.values(), size_mm).items())
 
 
 def chunks_of(size: int, base_of: Mapping[int, int], read: Callable[[int], bytes], software: bytes) -> list[Chunk]:

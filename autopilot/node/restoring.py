@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from autopilot.node.flights import Session
 
 # A snapshot is due after so many records: a start evolves at most these, and those since the last checkpoint.
-EVERY_RECORDS = 20_000
+EVERY_RECORDS = 10_000
 # Each so-manieth chunk rests on the one as many before it, so that a start has few to merge.
 LONG = 8
 _NOTHING = Head(-1, FIRST_LEAF_BEFORE)
@@ -146,6 +146,7 @@ class Resuming:
         session.logic = opened.logic if isinstance(opened, FlightOpened) else LOGIC
         session.last = _record(session.store, chunk.size - 1).at
         self._keeper.recall(status)
+        gc.freeze()  # what was loaded stays; looking through a large map again and again costs pauses
         return chunk.size
 
 

@@ -266,8 +266,10 @@ class _Walk:
 
     def _read(self, reader: SqliteReader) -> None:
         after = self._vouched(reader)
-        if after.seq > 0:
+        if after.seq >= 0:
             self._check(reader, Chain(reader.flight_id, reader.secret), 0, 1)
+            if self.records is Records.WHOLE and self.end.seq < 0:
+                self.records, self.detail = Records.GAP, "record 0 is missing"
         if self.records is Records.WHOLE:
             self._pass_over(reader, after)
             self._check(reader, Chain(reader.flight_id, reader.secret, after.leaf), after.seq + 1, None)
