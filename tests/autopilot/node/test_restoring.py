@@ -1,4 +1,4 @@
-"""Starts from a snapshot: the same session as from the first record, and from that one where no snapshot can be used."""
+"""Starts from a snapshot: the same session as from the first record, and from there where no snapshot can be used."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from google.protobuf.message import Message
 
 from autopilot.node import restoring
 from autopilot.node.board import Board
@@ -18,7 +17,7 @@ from autopilot.node.restoring import Keeper
 from autopilot.node.sealing import CERTIFICATE_FILE, KEY_FILE, Sealer
 from autopilot.ports.edges import InputClass
 from events.schema.flight_pb2 import InputsDropped
-from events.store import Flight, SqliteStore, StoreFailed, flights_in, read_flight
+from events.store import Flight, SqliteStore, flights_in, read_flight
 from events.store.snapshots import NAME, Snapshots, SnapshotWriter
 from replay.verify import verify
 from statecharts.digest import digest_of
@@ -67,7 +66,8 @@ def begin(tmp_path: Path, clock: FakeClock, monkeypatch: pytest.MonkeyPatch) -> 
     random = chance()
     monkeypatch.setattr(restoring, "EVERY_RECORDS", 10)
     monkeypatch.setattr(restoring, "LONG", 3)
-    return lambda root=tmp_path, **values: Shown(root, clock, monkeypatch, random, **values)
+    home = tmp_path / "home"
+    return lambda root=home, **values: Shown(root, clock, monkeypatch, random, **values)
 
 
 def busy(node: Shown, turns: int = 12) -> None:
@@ -91,9 +91,7 @@ def opened(node: Shown) -> tuple[Shown, Session]:
 
 def copied(node: Shown, to: Path) -> Path:
     """Return a copy of the node's folder without snapshots."""
-    shutil.copytree(node.root, to)
-    for path in to.glob(f"*/{NAME}"):
-        path.unlink()
+    shutil.copytree(node.root, to, ignore=shutil.ignore_patterns(NAME))
     return to
 
 
@@ -130,18 +128,300 @@ def check_goes_on(begin: Begin, to: Path, starts: int) -> None:
 
 
 def test_a_start_from_a_snapshot_is_a_start_from_zero(begin: Begin, tmp_path: Path) -> None:
-    """State, deadline, what was noted on the way, and what people see."""
+    """State, deadline, what was noted on the way, and what people see; and so again after going on."""
     node = begin().start()
     busy(node)
-    places = Snapshots(node.session.flight.folder).places
-    check_equal(len(places) > 6, True)
-    check_equal([place.base for place in places.values()][:7], [0, 0, *list(places)[1:2], *[*places][2:3]][:0] or [
-        0 if number < 1 else list(places)[(number // 3) * 3 - 1] if number % 3 == 0 else list(places)[number - 1]
-        for number in range(0)
-    ] or [place.base for place in places.values()][:7])
+    base_of = Snapshots(node.session.flight.folder).base_of()
+    first, second, third, fourth, fifth, sixth, *_ = base_of
+    rests_on = {first: 0, second: first, third: 0, fourth: third, fifth: fourth, sixth: third}
+    check_equal({size: base_of[size] for size in rests_on}, rests_on)
     node.kill()
     session = check_alike(begin, node, tmp_path / "zero")
     assert session.known is not None
-    check_equal(session.known.size, max(places))
+    check_equal(session.known.size, max(base_of))
     check_goes_on(begin, tmp_path / "one", 2)
     check_goes_on(begin, tmp_path / "two", 3)
+    check_equal(set(base_of) <= set(Snapshots(node.session.flight.folder).base_of()), True)
+
+
+def test_snapshots_come_only_now_and_then(begin: Begin, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And at the end of a flight, once."""
+    monkeypatch.setattr(restoring, "EVERY_RECORDS", 10_000)
+    node = begin().start()
+    fly(node)
+    folder = node.session.flight.folder
+    check_equal(Snapshots(folder).base_of(), {})
+    node.turn(after_ms=181_000)
+    check_equal(Snapshots(folder).base_of(), {len(node.log(0)): 0})
+
+
+@pytest.mark.parametrize("boot_id", [BOOT, "boot-2"])
+def test_what_a_closed_flight_hands_over(
+    begin: Begin, tmp_path: Path, boot_id: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next flight begins with the same bytes, read from a snapshot or from zero."""
+    node = begin().start()
+    busy(node)
+    node.kill()
+    before = copied(node, tmp_path / "zero")
+    monkeypatch.setattr(restoring, "EVERY_RECORDS", 10_000)
+    after = begin(boot_id="boot-9").start()
+    check_equal(after.heard[0].kind.name == "flight_opened", False)
+    after.kill()
+    zero = begin(root=before, boot_id="boot-9").start()
+    check_equal(zero.heard[0].kind.name, "flight_opened")
+    bodies = [[one.body for one in each.log() if one.kind.name == "baseline_carried"] for each in (after, zero)]
+    check_equal(bodies[0], bodies[1])
+    check_equal(len(bodies[0][0]) > 500, True)
+    zero.kill()
+    again, session = opened(begin(boot_id=boot_id))
+    check_equal((session.closed, session.known), (False, None))
+    session.store.close()
+    for path in flights_in(again.root)[1].folder.iterdir():
+        path.unlink()
+    again, session = opened(begin(boot_id=boot_id))
+    check_equal((session.closed, session.known is not None, again.heard), (True, True, []))
+    session.store.close()
+
+
+def rewrite(flight: Flight, change: Callable[[Any], Any]) -> None:
+    """Change every chunk of a flight as whoever holds the disk can, with checksums that fit."""
+    found = Snapshots(flight.folder)
+    chunks = [unpack(found.read(size)) for size in found.places]
+    writer = SnapshotWriter(flight.folder, 0)
+    for chunk in chunks:
+        writer.append(chunk.size, chunk.base, pack(change(chunk)))
+
+
+def _remove(flight: Flight) -> None:
+    (flight.folder / NAME).unlink()
+
+
+def _replace_by_folder(flight: Flight) -> None:
+    _remove(flight)
+    (flight.folder / NAME).mkdir()
+
+
+def _flip(flight: Flight) -> None:
+    places = Snapshots(flight.folder).places
+    content = bytearray((flight.folder / NAME).read_bytes())
+    for place in places.values():
+        content[place.start + 9] ^= 1
+    (flight.folder / NAME).write_bytes(content)
+
+
+def _unsign(flight: Flight) -> None:
+    (flight.folder / CERTIFICATE_FILE).unlink()
+
+
+def _of_another(flight: Flight) -> None:
+    note = (flight.folder / CERTIFICATE_FILE).read_text("utf-8")
+    (flight.folder / CERTIFICATE_FILE).write_text(note.replace("wasp-01/1", "wasp-01/2"), "utf-8")
+
+
+def _in_the_log(statement: str) -> Callable[[Flight], None]:
+    def change(flight: Flight) -> None:
+        store = SqliteStore(flight.database)
+        store._connection.execute(statement)
+        store.close()
+
+    return change
+
+
+def _chunk(**values: Any) -> Callable[[Flight], None]:
+    return lambda flight: rewrite(flight, lambda chunk: chunk._replace(**values))
+
+
+def _table(name: str) -> Callable[[Flight], None]:
+    return lambda flight: rewrite(
+        flight, lambda chunk: chunk._replace(tables={one: rows for one, rows in chunk.tables.items() if one != name})
+    )
+
+
+@pytest.mark.parametrize(
+    ("harm", "because"),
+    [
+        (_remove, ""),
+        (_replace_by_folder, "directory"),
+        (_flip, "is damaged"),
+        (_unsign, "nothing vouches"),
+        (_of_another, "nothing vouches"),
+        (_in_the_log("DELETE FROM checkpoint"), "nothing vouches"),
+        (_in_the_log("UPDATE checkpoint SET note = replace(note, 'state ', 'state  ')"), "nothing vouches"),
+        (_in_the_log("UPDATE checkpoint SET size = size + 1000"), "nothing vouches"),
+        (_chunk(software=bytes(32)), "another logic"),
+        (_chunk(leaf=bytes(32)), "another leaf"),
+        (_chunk(side=b"\x90"), "not started from"),
+        (_table("nonces"), "not the one that was signed"),
+        (_table("orders"), "not the one that was signed"),
+    ],
+)
+def test_a_snapshot_that_can_not_be_used_is_not(
+    begin: Begin,
+    tmp_path: Path,
+    harm: Callable[[Flight], None],
+    because: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Whatever is wrong with it, the start is right, says why it took longer, and snapshots come again."""
+    node = begin().start()
+    busy(node)
+    node.kill()
+    harm(flights_in(node.root)[0])
+    check_alike(begin, node, tmp_path / "zero", from_snapshot=False)
+    check_equal(because in capsys.readouterr().err, True)
+
+
+def test_after_a_snapshot_that_was_not_used_others_come(begin: Begin, tmp_path: Path) -> None:
+    """The file is begun anew, with everything in its first chunk."""
+    node = begin().start()
+    busy(node)
+    node.kill()
+    rewrite(flights_in(node.root)[0], lambda chunk: chunk._replace(software=bytes(32)))
+    again = begin().start()
+    check_equal(again.session.known, None)
+    busy(again, 2)
+    base_of = Snapshots(again.session.flight.folder).base_of()
+    check_equal((min(base_of) > len(node.heard), base_of[min(base_of)]), (True, 0))
+    again.kill()
+    check_alike(begin, again, tmp_path / "zero")
+
+
+def test_an_older_snapshot_where_the_newest_is_torn(begin: Begin, tmp_path: Path) -> None:
+    """As a power cut leaves the file: it was never synced."""
+    node = begin().start()
+    busy(node)
+    node.kill()
+    path = node.session.flight.folder / NAME
+    sizes = sorted(Snapshots(path.parent).places)
+    path.write_bytes(path.read_bytes()[:-1])
+    session = check_alike(begin, node, tmp_path / "zero")
+    assert session.known is not None
+    check_equal(session.known.size, sizes[-2])
+    check_goes_on(begin, tmp_path / "one", 2)
+
+
+def test_the_log_may_be_shorter_than_a_snapshot(begin: Begin, tmp_path: Path) -> None:
+    """What was cut from the log takes the snapshots of it along; the seal refuses, as from zero."""
+    node = begin().start()
+    busy(node)
+    node.kill()
+    flight = flights_in(node.root)[0]
+    sizes = sorted(Snapshots(flight.folder).places)
+    _in_the_log(f"DELETE FROM record WHERE seq >= {sizes[-2]}")(flight)
+    (flight.folder / "head").unlink()
+    session = check_alike(begin, node, tmp_path / "zero")
+    assert session.known is not None
+    check_equal(session.known.size, sizes[-2])
+    again = begin().start()
+    assert again.session.sealing is not None
+    check_equal("records were signed, and the log holds" in again.session.sealing.refusal, True)
+    again.turn(after_ms=20_000)
+    check_equal(again.session.sealing.refusal != "", True)
+
+
+@pytest.mark.parametrize(("software", "logic"), [("0.2.0", 0), (SOFTWARE, 1)])
+def test_an_update_reads_the_whole_log(
+    begin: Begin, tmp_path: Path, software: str, logic: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What another version kept is not believed."""
+    node = begin().start()
+    busy(node)
+    node.kill()
+    monkeypatch.setattr(restoring, "LOGIC", restoring.LOGIC + logic)
+    _, session = opened(begin(software=software))
+    check_equal(session.known, None)
+    session.store.close()
+
+
+def test_damage_behind_a_snapshot_is_damage(begin: Begin) -> None:
+    """The flight that follows names the last record that holds, and knows what that one knew."""
+    node = begin().start()
+    busy(node)
+    node.tell(*[InputsDropped(input_class="frame", count=1)] * 3)
+    node.turn(after_ms=200)
+    node.kill()
+    flight = flights_in(node.root)[0]
+    size = max(Snapshots(flight.folder).places)
+    last = len(node.log()) - 1
+    check_equal(last > size, True)
+    _in_the_log(f"UPDATE record SET body = x'00' WHERE seq = {last}")(flight)
+    again = begin().start()
+    manifest = next(one.message for one in again.log() if one.kind.name == "flight_opened")
+    check_equal((again.session.flight.number, manifest.previous_seq), (2, last - 1))
+    check_equal(len(again.session.state.orders), 12)
+
+
+class Full:
+    """A file of snapshots for which there is no room."""
+
+    def __init__(self, folder: Path, after: int) -> None:
+        self._writer = SnapshotWriter(folder, after)
+        self.discard = self._writer.discard
+
+    def append(self, size: int, base: int, body: bytes) -> None:
+        """Write half of it."""
+        self._writer.append(size, base, body[: len(body) // 2])
+        raise OSError("no room, for a test")
+
+
+def check_kept_none(node: Shown, because: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Check that a node goes on without snapshots, and says it once."""
+    check_equal(capsys.readouterr().err.count(because), 1)
+    check_equal((node.session.flight.folder / NAME).exists(), False)
+    assert node.session.sealing is not None
+    check_equal((node.ended, node.session.sealing.newest.split("\n")[1]), (False, str(node.session.store.head.seq + 1)))
+
+
+def test_without_room_there_are_none(
+    begin: Begin, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The log needs it more."""
+    monkeypatch.setattr(restoring, "SnapshotWriter", Full)
+    node = begin().start()
+    busy(node, 4)
+    check_kept_none(node, "no room, for a test", capsys)
+
+
+def test_with_the_reserve_they_go(
+    begin: Begin, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a full disk everything disposable makes room."""
+    node = begin().start()
+    busy(node, 2)
+    check_equal((node.session.flight.folder / NAME).exists(), True)
+    monkeypatch.setattr(SqliteStore, "reserve_spent", property(lambda _: True))
+    for number in range(20, 24):
+        node.tell(*[InputsDropped(input_class="frame", count=number)] * 12, after_ms=6_000)
+        node.turn(after_ms=5_000)
+    check_kept_none(node, "the disk is full", capsys)
+
+
+def test_a_status_that_lags_is_not_kept(begin: Begin, capsys: pytest.CaptureFixture[str]) -> None:
+    """What people would be shown again must be of the same record."""
+    node = begin().start()
+    node.loop._on_records = node.heard.extend
+    busy(node, 2)
+    check_kept_none(node, "the status is that after record", capsys)
+
+
+def test_a_folder_that_can_not_be_written(
+    begin: Begin, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Said at the start, and no more."""
+
+    def refuse(_folder: Path, _after: int) -> SnapshotWriter:
+        raise PermissionError("not yours, for a test")
+
+    monkeypatch.setattr(restoring, "SnapshotWriter", refuse)
+    node = begin().start()
+    busy(node, 2)
+    check_kept_none(node, "not yours, for a test", capsys)
+
+
+def test_without_a_keeper_nothing_is_kept(begin: Begin) -> None:
+    """And a sealed flight is what it was."""
+    node = begin(keeps=False).start()
+    busy(node, 2)
+    check_equal((node.session.flight.folder / NAME).exists(), False)
+    check_equal((node.session.flight.folder / KEY_FILE).exists(), True)
