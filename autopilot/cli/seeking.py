@@ -28,10 +28,7 @@ def show_at(reader: Reader, folder: Path, seq: int, *, as_json: bool) -> int:
     finally:
         bar.end()
         gc.enable()
-    if as_json:
-        print(json.dumps(plain(seen), sort_keys=True))
-        return os.EX_OK
-    for line in lines(seen):
+    for line in [json.dumps(plain(seen), sort_keys=True)] if as_json else lines(seen):
         print(line)
     for told in seen.refused:
         print(f"not used: {told}", file=sys.stderr)

@@ -8,8 +8,9 @@ import pytest
 from google.protobuf.message import Message
 from hypothesis import given, settings
 
+from events.kinds import FAMILIES
 from events.schema.orders_pb2 import OrderReceived
-from statecharts import LOGIC, State, codec
+from statecharts import CHARTS, LOGIC, State, codec
 from statecharts.codec import COLUMNS, DERIVED, LAYOUT, RowBroken, encode, layout_text, read_rows, software_digest
 from statecharts.journal import Keyed
 from tests.checks import check_equal
@@ -120,8 +121,8 @@ def test_the_layout_has_a_name_that_changes_with_it(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(codec, "COLUMNS", COLUMNS[1:])
     check_equal(software_digest(LOGIC) == before, False)
     monkeypatch.setattr(codec, "COLUMNS", COLUMNS)
-    monkeypatch.setattr(codec, "FAMILIES", codec.FAMILIES[1:])
+    monkeypatch.setattr(codec, "FAMILIES", FAMILIES[1:])
     check_equal(software_digest(LOGIC) == before, False)
     monkeypatch.undo()
-    monkeypatch.setattr(codec, "CHARTS", codec.CHARTS[1:])
+    monkeypatch.setattr(codec, "CHARTS", CHARTS[1:])
     check_equal(software_digest(LOGIC) == before, False)

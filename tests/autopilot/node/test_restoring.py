@@ -20,10 +20,11 @@ from events.schema.flight_pb2 import InputsDropped
 from events.store import Flight, SqliteStore, flights_in, read_flight
 from events.store.snapshots import NAME, Snapshots, SnapshotWriter
 from replay.verify import verify
+from statecharts import LOGIC
 from statecharts.digest import digest_of
 from statecharts.snapshot import pack, unpack
 from tests.autopilot.node.histories import fly
-from tests.autopilot.node.nodes import BOOT, FakeClock, Node, chance, heard_vehicle, identity
+from tests.autopilot.node.nodes import BOOT, FakeClock, Node, chance, heard_vehicle, identity, of_kind
 from tests.autopilot.trust.world import people
 from tests.checks import check_equal, check_same
 from tests.flights import answered, detection, frame, point_at_place, position
@@ -328,7 +329,7 @@ def test_an_update_reads_the_whole_log(
     node = begin().start()
     busy(node)
     node.kill()
-    monkeypatch.setattr(restoring, "LOGIC", restoring.LOGIC + logic)
+    monkeypatch.setattr(restoring, "LOGIC", LOGIC + logic)
     _, session = opened(begin(software=software))
     check_equal(session.known, None)
     session.store.close()
@@ -347,7 +348,7 @@ def test_damage_behind_a_snapshot_is_damage(begin: Begin) -> None:
     check_equal(last > size, True)
     _in_the_log(f"UPDATE record SET body = x'00' WHERE seq = {last}")(flight)
     again = begin().start()
-    manifest = next(one.message for one in again.log() if one.kind.name == "flight_opened")
+    manifest = next(of_kind(again.log(), "flight_opened"))
     check_equal((again.session.flight.number, manifest.previous_seq), (2, last - 1))
     check_equal(len(again.session.state.orders), 12)
 

@@ -7,6 +7,8 @@ from pathlib import Path
 import apsw
 import pytest
 
+from events.chain import Chain
+from events.records import Stored
 from events.store import SqliteStore, recovery
 from events.store.head import HeadFile as HeadWriter
 from events.store.protocol import Head
@@ -59,8 +61,8 @@ def test_it_reads_only_what_follows(folder: Path, monkeypatch: pytest.MonkeyPatc
     """The manifest, and the records behind."""
     read: list[int] = []
 
-    class Told(recovery.Chain):
-        def check(self, stored: recovery.Stored) -> None:
+    class Told(Chain):
+        def check(self, stored: Stored) -> None:
             read.append(stored.seq)
             super().check(stored)
 
