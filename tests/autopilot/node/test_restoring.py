@@ -11,11 +11,8 @@ from typing import Any
 import pytest
 
 from autopilot.node import restoring
-from autopilot.node.board import Board
-from autopilot.node.flights import Flights, Session
-from autopilot.node.restoring import Keeper
-from autopilot.node.sealing import CERTIFICATE_FILE, KEY_FILE, Sealer
-from autopilot.ports.edges import InputClass
+from autopilot.node.flights import Session
+from autopilot.node.sealing import CERTIFICATE_FILE
 from events.schema.flight_pb2 import InputsDropped
 from events.store import Flight, SqliteStore, flights_in, read_flight
 from events.store.snapshots import NAME, Snapshots, SnapshotWriter
@@ -23,64 +20,14 @@ from replay.verify import verify
 from statecharts import LOGIC
 from statecharts.digest import digest_of
 from statecharts.snapshot import pack, unpack
-from tests.autopilot.node.histories import fly
-from tests.autopilot.node.nodes import BOOT, FakeClock, Node, chance, heard_vehicle, identity, of_kind
-from tests.autopilot.trust.world import people
+from tests.autopilot.node.nodes import BOOT, FakeClock, of_kind
+from tests.autopilot.node.restored import SOFTWARE, Begin, Shown, busy, starts
 from tests.checks import check_equal, check_same
-from tests.flights import answered, detection, frame, point_at_place, position
-
-SOFTWARE = "0.1.0"
-
-
-class Shown(Node):
-    """A node with a board and a keeper."""
-
-    def __init__(self, root: Path, clock: FakeClock, patch: pytest.MonkeyPatch, random: Any, **values: Any) -> None:
-        software = values.pop("software", SOFTWARE)
-        keeps = values.pop("keeps", True)
-        super().__init__(root, clock, patch, random=random, **values)
-        self.board = Board(lambda: 0)
-        sealer = Sealer(people().wasp, clock, random)
-        keeper = Keeper(sealer, software, lambda: self.board.folded, self.board.recall)
-        boot = values.get("boot_id", BOOT)
-        flights = Flights(root, identity(boot), clock, random, sealer, keeper if keeps else None)
-        self.loop._flights = self.flights = flights
-        self.loop._on_records = self.hear
-
-    def hear(self, records: tuple[Any, ...]) -> None:
-        """Keep and show records."""
-        self.heard.extend(records)
-        self.board.hear(records)
-
-    def start(self) -> Shown:
-        """Open a flight, as the loop's thread does first."""
-        self.loop._open(self.flights.open(self.hear))
-        return self
-
-
-Begin = Callable[..., Shown]
 
 
 @pytest.fixture
 def begin(tmp_path: Path, clock: FakeClock, monkeypatch: pytest.MonkeyPatch) -> Begin:
-    """Return what makes the next start of the daemon, with a snapshot every ten records."""
-    random = chance()
-    monkeypatch.setattr(restoring, "EVERY_RECORDS", 10)
-    monkeypatch.setattr(restoring, "LONG", 3)
-    home = tmp_path / "home"
-    return lambda root=home, **values: Shown(root, clock, monkeypatch, random, **values)
-
-
-def busy(node: Shown, turns: int = 12) -> None:
-    """Fly for a while: orders, findings, a checkpoint every ten seconds."""
-    node.tell(*heard_vehicle())
-    node.turn(after_ms=200)
-    for number in range(turns):
-        order = point_at_place(f"a{number}", order_seq=number + 1)
-        node.tell(order, input_class=InputClass.ORDER, after_ms=3_000)
-        node.tell(answered(node.performed[-1].seq), position(number, number), after_ms=3_000)
-        node.tell(frame(number, detection(number * 20_000, 0), detection(0, 9_000 * number, "car")), after_ms=3_500)
-        node.turn(after_ms=600)
+    return starts(tmp_path, clock, monkeypatch)
 
 
 def opened(node: Shown) -> tuple[Shown, Session]:
@@ -143,17 +90,6 @@ def test_a_start_from_a_snapshot_is_a_start_from_zero(begin: Begin, tmp_path: Pa
     check_goes_on(begin, tmp_path / "one", 2)
     check_goes_on(begin, tmp_path / "two", 3)
     check_equal(set(base_of) <= set(Snapshots(node.session.flight.folder).base_of()), True)
-
-
-def test_snapshots_come_only_now_and_then(begin: Begin, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And at the end of a flight, once."""
-    monkeypatch.setattr(restoring, "EVERY_RECORDS", 10_000)
-    node = begin().start()
-    fly(node)
-    folder = node.session.flight.folder
-    check_equal(Snapshots(folder).base_of(), {})
-    node.turn(after_ms=181_000)
-    check_equal(Snapshots(folder).base_of(), {len(node.log(0)): 0})
 
 
 @pytest.mark.parametrize("boot_id", [BOOT, "boot-2"])
@@ -351,78 +287,3 @@ def test_damage_behind_a_snapshot_is_damage(begin: Begin) -> None:
     manifest = next(of_kind(again.log(), "flight_opened"))
     check_equal((again.session.flight.number, manifest.previous_seq), (2, last - 1))
     check_equal(len(again.session.state.orders), 12)
-
-
-class Full:
-    """A file of snapshots for which there is no room."""
-
-    def __init__(self, folder: Path, after: int) -> None:
-        self._writer = SnapshotWriter(folder, after)
-        self.discard = self._writer.discard
-
-    def append(self, size: int, base: int, body: bytes) -> None:
-        """Write half of it."""
-        self._writer.append(size, base, body[: len(body) // 2])
-        raise OSError("no room, for a test")
-
-
-def check_kept_none(node: Shown, because: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Check that a node goes on without snapshots, and says it once."""
-    check_equal(capsys.readouterr().err.count(because), 1)
-    check_equal((node.session.flight.folder / NAME).exists(), False)
-    assert node.session.sealing is not None
-    check_equal((node.ended, node.session.sealing.newest.split("\n")[1]), (False, str(node.session.store.head.seq + 1)))
-
-
-def test_without_room_there_are_none(
-    begin: Begin, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The log needs it more."""
-    monkeypatch.setattr(restoring, "SnapshotWriter", Full)
-    node = begin().start()
-    busy(node, 4)
-    check_kept_none(node, "no room, for a test", capsys)
-
-
-def test_with_the_reserve_they_go(
-    begin: Begin, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """On a full disk everything disposable makes room."""
-    node = begin().start()
-    busy(node, 2)
-    check_equal((node.session.flight.folder / NAME).exists(), True)
-    monkeypatch.setattr(SqliteStore, "reserve_spent", property(lambda _: True))
-    for number in range(20, 24):
-        node.tell(*[InputsDropped(input_class="frame", count=number)] * 12, after_ms=6_000)
-        node.turn(after_ms=5_000)
-    check_kept_none(node, "the disk is full", capsys)
-
-
-def test_a_status_that_lags_is_not_kept(begin: Begin, capsys: pytest.CaptureFixture[str]) -> None:
-    """What people would be shown again must be of the same record."""
-    node = begin().start()
-    node.loop._on_records = node.heard.extend
-    busy(node, 2)
-    check_kept_none(node, "the status is that after record", capsys)
-
-
-def test_a_folder_that_can_not_be_written(
-    begin: Begin, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Said at the start, and no more."""
-
-    def refuse(_folder: Path, _after: int) -> SnapshotWriter:
-        raise PermissionError("not yours, for a test")
-
-    monkeypatch.setattr(restoring, "SnapshotWriter", refuse)
-    node = begin().start()
-    busy(node, 2)
-    check_kept_none(node, "not yours, for a test", capsys)
-
-
-def test_without_a_keeper_nothing_is_kept(begin: Begin) -> None:
-    """And a sealed flight is what it was."""
-    node = begin(keeps=False).start()
-    busy(node, 2)
-    check_equal((node.session.flight.folder / NAME).exists(), False)
-    check_equal((node.session.flight.folder / KEY_FILE).exists(), True)
