@@ -81,6 +81,7 @@ def test_numbers_that_nobody_means_have_bytes_too() -> None:
     check_equal(order.expires_ns > 1 << 64, True)
     written = encode(order)
     check_equal(encode(order._replace(expires_ns=order.expires_ns + 1)) == written, False)
+    check_equal(encode((1 << 64, 5)) == encode((1 << 64, "5")), False)
     check_equal(encode((1 << 64, -(1 << 63) - 1)) == encode(((1 << 64) - 1, -(1 << 63))), False)
     with pytest.raises(RowBroken, match="orders"):
         dict(read_rows("orders", {encode("alpha/a1"): written}))

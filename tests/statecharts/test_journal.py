@@ -109,7 +109,11 @@ def test_what_changed_is_known_and_what_it_was(
         check_equal(was, rows.get(key, journal.ABSENT))
     check_equal(told.get(pair.value, {}).get(None, pair.value.value), value)
     check_equal(pair.journal.take(), {})
+    kept, kept_value = dict(pair.model), pair.model_value
+    for change in before:
+        pair.change(*change)
     pair.journal.rollback()
+    pair.model, pair.model_value = kept, kept_value
     pair.check()
 
 

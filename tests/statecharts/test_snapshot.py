@@ -12,8 +12,10 @@ from events import Record
 from events.chain import Chain
 from events.tree import Peaks
 from statecharts import LOGIC, State, restore, step, steps_of
+from statecharts.charts.mapping import grid_of, place_object
 from statecharts.codec import LAYOUT, software_digest
 from statecharts.digest import Rows, StateDigest, digest_of
+from statecharts.facts import MapObject, Spot
 from statecharts.snapshot import (
     Chunk,
     SnapshotUnfit,
@@ -26,7 +28,7 @@ from statecharts.snapshot import (
     unpack,
 )
 from tests.checks import check_equal, check_same
-from tests.flights import FLIGHT_ID, SECRET, story
+from tests.flights import FLIGHT_ID, SECRET, place, story
 from tests.random_flights import Draw, draws, fly
 
 OURS = software_digest(LOGIC)
@@ -98,6 +100,16 @@ def test_every_snapshot_is_a_replay_from_zero(drawn: list[Draw], every: int, lon
 def test_the_story_too(every: int) -> None:
     """With everything that happens in it."""
     check_snapshots(story().records, every, 4)
+
+
+def test_the_grid_follows_from_the_objects() -> None:
+    """Whatever way they came and went: a cell names what is in it in order, and an empty one is not there."""
+    state = story().state
+    for number, east_mm in [(7, 0), (9, 50_000), (8, 50_100), (7, 50_200), (9, 90_000), (7, 0)]:
+        spot = Spot.of(place(east_mm, 0))
+        place_object(state, MapObject(number, "person", "person", spot, 5_000, 1))
+        grid = grid_of(state.objects.values(), state.flight.limits.same_object_mm)
+        check_equal(dict(state.grid.items()), grid)
 
 
 def check_unfit(kept: Kept, size: int, because: str, **values: bytes) -> None:
