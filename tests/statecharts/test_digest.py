@@ -14,7 +14,7 @@ from statecharts.codec import COLUMNS, encode
 from statecharts.digest import Rows, StateDigest, combined, digest_of, rows_of, sums_of
 from statecharts.snapshot import merge_into
 from tests.checks import check_equal
-from tests.flights import story
+from tests.flights import Flight, position, story
 from tests.random_flights import Draw, draws, fly
 
 
@@ -61,6 +61,17 @@ def test_it_may_begin_anywhere() -> None:
     check_followed(state, digest, known)
     check_equal(digest.advance(), {})
     check_equal(digest_of(state), digest_of(flight.state))
+
+
+def test_a_second_one_takes_over() -> None:
+    """What the first was not asked for any more does not count twice."""
+    flight = Flight()
+    StateDigest(flight.state)
+    flight.tell(position(1, 1))
+    digest = StateDigest(flight.state)
+    flight.tell(position(2, 2))
+    digest.advance()
+    check_equal(digest.value, digest_of(flight.state))
 
 
 def test_with_sums_that_are_known_nothing_is_told_twice() -> None:

@@ -152,8 +152,10 @@ def test_a_chunk_that_is_missing_or_another(kept: Kept) -> None:
     check_unfit(kept, second, "rests on a later one")
     kept.base_of[second] = 0
     check_unfit(kept, second, "is another one")
-    kept.chunks[first] = kept.chunks[last]
-    check_unfit(kept, first, "is another one")
+    good = kept.chunks[first]
+    for bad in (kept.chunks[last], pack(unpack(good)._replace(size=first + 1))):
+        kept.chunks[first] = bad
+        check_unfit(kept, first, "is another one")
     kept.chunks[first] = b"\x93"
     check_unfit(kept, first, "no chunk of a snapshot")
     kept.chunks[first] = pack(unpack(kept.chunks[last])._replace(size=first, base=0, peaks=()))
