@@ -172,8 +172,7 @@ class Keeping:
         if self._writer is None:
             return
         merge_into(self._since_newest, sealed.rows)
-        due = sealed.size - self._newest >= EVERY_RECORDS or self._session.closed
-        if due and sealed.size > self._newest:
+        if sealed.size - self._newest >= EVERY_RECORDS or self._session.closed:
             self._keep(self._writer, sealed)
 
     def _open(self) -> SnapshotWriter | None:

@@ -93,11 +93,9 @@ class SnapshotWriter:
     def append(self, size: int, base: int, body: bytes) -> None:
         """Write a chunk. Raises OSError; then the file may end with a part of it, which nobody reads."""
         descriptor = os.open(self._path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        with open(descriptor, "wb", buffering=0) as file:
-            header = _HEADER.pack(_MAGIC, size, base, len(body), _checksum(size, base, body))
-            for part in (header, body):
-                if file.write(part) != len(part):
-                    raise OSError(f"{self._path}: there is no room")
+        with open(descriptor, "wb") as file:
+            file.write(_HEADER.pack(_MAGIC, size, base, len(body), _checksum(size, base, body)))
+            file.write(body)
 
     def discard(self) -> None:
         """Remove the file: there are better uses for the room. Raises OSError."""

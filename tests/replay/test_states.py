@@ -67,7 +67,18 @@ def test_a_state_that_is_not_the_signed_one(number: int) -> None:
 
 def test_a_state_of_another_layout_is_not_compared() -> None:
     """Nobody can tell whether it is the same."""
-    check_equal(verify(sealed(20, bytes(4))).outcome, Outcome.IDENTICAL)
+    size = sealed().checkpoints()[5][0]
+    check_equal(verify(sealed(size)).outcome, Outcome.DIVERGES)
+    check_equal(verify(sealed(size, bytes(4))).outcome, Outcome.IDENTICAL)
+
+
+def test_a_difference_that_stays_is_told_once() -> None:
+    """What is wrong once is wrong at every checkpoint that follows."""
+    store = sealed()
+    sizes = [size for size, _ in store.checkpoints()][5:]
+    for size in sizes:
+        store.add_checkpoint(size, note(store, size, bytes(32)))
+    check_diverges(verify(store), sizes[0] - 1, f"between records {store.checkpoints()[4][0]} and {sizes[0] - 1}")
 
 
 def test_a_forged_decision_comes_first() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,13 @@ import pytest
 
 from autopilot.cli import replay
 from autopilot.node import restoring
-from autopilot.node.sealing import CERTIFICATE_FILE
+from autopilot.node.sealing import CERTIFICATE_FILE, KEY_FILE
+from autopilot.trust.keys import SignKey, read_secret
+from autopilot.trust.notes import read_checkpoint, read_log_key, sign_note
 from events.store import SqliteStore, flights_in
 from events.store.snapshots import NAME, Snapshots
 from tests.autopilot.cli.flown import run, story_on_disk
+from tests.autopilot.trust.world import people
 from tests.bench import million
 from tests.checks import check_equal
 
@@ -64,6 +68,7 @@ def test_from_a_snapshot_as_from_zero(folder: Path, capsys: pytest.CaptureFixtur
         "DELETE FROM checkpoint",
         "UPDATE checkpoint SET note = replace(note, 'state ', 'stage ')",
         "UPDATE checkpoint SET size = size + 5000",
+        "DELETE FROM checkpoint WHERE size < 800; UPDATE checkpoint SET size = size - 270",
         "UPDATE record SET body = x'ff' WHERE seq = 0",
     ],
 )
@@ -79,9 +84,27 @@ def test_what_nobody_signed_is_not_used(folder: Path, statement: str, capsys: py
     check_equal(("no snapshot to start from" in err) or not readable, True)
 
 
+def test_a_checkpoint_that_names_no_state_vouches_for_none(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As an older version signed it, by the very same key."""
+    key = SignKey.from_seed(read_secret(folder / KEY_FILE))
+    store = SqliteStore(folder / "flight.db")
+    for size, note in store.checkpoints():
+        said = replace(read_checkpoint(note.rpartition("\n\n")[0] + "\n"), state=None)
+        store.add_checkpoint(size, sign_note(said.text(), said.origin, key))
+    store.close()
+    found, _ = shown(folder, LATE, capsys)
+    check_equal((found["read_from"], "nothing vouches" in found["refused"][0]), (0, True))
+
+
 def test_another_certificate_is_not_believed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Changed, or gone."""
-    path = folder / CERTIFICATE_FILE
+    """Of another flight, changed, or gone."""
+    path, wasp = folder / CERTIFICATE_FILE, people().wasp
+    text = path.read_text("utf-8").rpartition("\n\n")[0] + "\n"
+    other = replace(read_log_key(text), flight_id=bytes(16))
+    path.write_text(sign_note(other.text(), other.signer, wasp.sign_key), "utf-8")
+    check_equal(shown(folder, LATE, capsys)[0]["read_from"], 0)
+    path.write_text(sign_note(text, other.signer, wasp.sign_key), "utf-8")
+    check_equal(shown(folder, LATE, capsys)[0]["read_from"] > 0, True)
     path.write_text(path.read_text("utf-8").replace("flight ", "flight 0"), "utf-8")
     check_equal(shown(folder, LATE, capsys)[0]["read_from"], 0)
     path.unlink()

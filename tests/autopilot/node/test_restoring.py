@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import pytest
 
+from autopilot.node import flights as flights_module
 from autopilot.node import restoring
-from autopilot.node.flights import Session
+from autopilot.node.flights import Flights, Session
 from autopilot.node.sealing import CERTIFICATE_FILE
+from autopilot.trust.notes import read_log_key, sign_note
 from events.schema.flight_pb2 import InputsDropped
 from events.store import Flight, SqliteStore, flights_in, read_flight
 from events.store.snapshots import NAME, Snapshots, SnapshotWriter
@@ -22,6 +25,7 @@ from statecharts.digest import digest_of
 from statecharts.snapshot import pack, unpack
 from tests.autopilot.node.nodes import BOOT, FakeClock, of_kind
 from tests.autopilot.node.restored import SOFTWARE, Begin, Shown, busy, starts
+from tests.autopilot.trust.world import people
 from tests.checks import check_equal, check_same
 
 
@@ -152,8 +156,10 @@ def _unsign(flight: Flight) -> None:
 
 
 def _of_another(flight: Flight) -> None:
-    note = (flight.folder / CERTIFICATE_FILE).read_text("utf-8")
-    (flight.folder / CERTIFICATE_FILE).write_text(note.replace("wasp-01/1", "wasp-01/2"), "utf-8")
+    path = flight.folder / CERTIFICATE_FILE
+    own = read_log_key(path.read_text("utf-8").rpartition("\n\n")[0] + "\n")
+    other = replace(own, flight_id=bytes(16))
+    path.write_text(sign_note(other.text(), other.signer, people().wasp.sign_key), "utf-8")
 
 
 def _in_the_log(statement: str) -> Callable[[Flight], None]:
@@ -186,6 +192,7 @@ def _table(name: str) -> Callable[[Flight], None]:
         (_in_the_log("DELETE FROM checkpoint"), "nothing vouches"),
         (_in_the_log("UPDATE checkpoint SET note = replace(note, 'state ', 'state  ')"), "nothing vouches"),
         (_in_the_log("UPDATE checkpoint SET size = size + 1000"), "nothing vouches"),
+        (_in_the_log("UPDATE checkpoint SET note = (SELECT note FROM checkpoint LIMIT 1)"), "nothing vouches"),
         (_chunk(software=bytes(32)), "another logic"),
         (_chunk(leaf=bytes(32)), "another leaf"),
         (_chunk(side=b"\x90"), "not started from"),
@@ -269,6 +276,18 @@ def test_an_update_reads_the_whole_log(
     _, session = opened(begin(software=software))
     check_equal(session.known, None)
     session.store.close()
+
+
+def test_the_logic_that_a_flight_was_opened_with_is_remembered(begin: Begin, tmp_path: Path) -> None:
+    """Another one than today's, where it was replaced in the air; the snapshot is today's."""
+    with patch.object(flights_module, "LOGIC", LOGIC + 5):
+        begin().start().kill()
+    node = begin()
+    with patch.object(Flights, "_why_not_go_on", lambda _self, _session: None):
+        node.start()
+    busy(node)
+    node.kill()
+    check_equal(check_alike(begin, node, tmp_path / "zero").logic, LOGIC + 5)
 
 
 def test_damage_behind_a_snapshot_is_damage(begin: Begin) -> None:

@@ -68,6 +68,8 @@ def test_rot_is_seen(tmp_path: Path) -> None:
         hit = sum(start <= at for start in starts) - 1
         check_equal((at, list(found)[:hit]), (at, list(CHUNKS)[:hit]))
         check_equal((at, list(CHUNKS)[hit] in found), (at, False))
+        known = list(Snapshots(tmp_path).places)
+        check_equal((at, len(known) == hit or at - starts[hit] >= 8), (at, True))  # nothing behind another magic
 
 
 def test_a_chunk_that_moved_away_is_damaged(tmp_path: Path) -> None:
