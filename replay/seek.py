@@ -12,7 +12,7 @@ from pathlib import Path
 
 from events import Record, read_record
 from events.store import Reader
-from events.store.snapshots import Snapshots
+from events.store.snapshots import Snapshots, unhurried
 from statecharts import LOGIC, State, restore, steps_of
 from statecharts.codec import software_digest
 from statecharts.digest import StateDigest
@@ -61,7 +61,8 @@ def _nearest(reader: Reader, folder: Path, seq: int, signed: Signed, refused: li
         return 0, _nothing()
     for size in sorted((size for size in snapshots.places if size <= seq + 1), reverse=True):
         try:
-            return size, _take(reader, snapshots, size, signed)
+            with unhurried():
+                return size, _take(reader, snapshots, size, signed)
         except (SnapshotUnfit, OSError) as error:
             refused.append(f"snapshot of {size} records: {error}")
     return 0, _nothing()

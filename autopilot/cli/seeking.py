@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import sys
@@ -22,12 +21,10 @@ from replay.seek import Signed, state_at
 def show_at(reader: Reader, folder: Path, seq: int, *, as_json: bool) -> int:
     """Print the state after record `seq`; return the exit code. Raises LookupError where there is no such record."""
     bar = Bar("reading")
-    gc.disable()  # a large state is all that this process makes, and it ends when that is printed
     try:
         seen = state_at(reader, folder, seq, signed_in(reader, folder), bar)
     finally:
         bar.end()
-        gc.enable()
     for line in [json.dumps(plain(seen), sort_keys=True)] if as_json else lines(seen):
         print(line)
     for told in seen.refused:

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import gc
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
@@ -22,7 +21,7 @@ from events.chain import FIRST_LEAF_BEFORE
 from events.records import Stored, read_record
 from events.schema.flight_pb2 import FlightOpened, NodeStarted
 from events.store import Flight, Head, Reader
-from events.store.snapshots import Snapshots, SnapshotWriter
+from events.store.snapshots import Snapshots, SnapshotWriter, unhurried
 from projections import packed
 from projections.picture import Status
 from statecharts import LOGIC
@@ -221,15 +220,3 @@ class Keeping:
 
     def _say(self, because: str) -> None:
         print(f"autopilot: no snapshots are kept: {because}", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def unhurried() -> Iterator[None]:
-    """Let the garbage collector rest while many rows are made that all stay; it would look at them again and again."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()

@@ -6,9 +6,11 @@ from further back. What is in a chunk, and whether it may be believed, is not kn
 
 from __future__ import annotations
 
+import gc
 import os
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
@@ -100,3 +102,15 @@ class SnapshotWriter:
     def discard(self) -> None:
         """Remove the file: there are better uses for the room. Raises OSError."""
         self._path.unlink(missing_ok=True)
+
+
+@contextmanager
+def unhurried() -> Iterator[None]:
+    """Let the garbage collector rest while many rows are made that all stay; it would look at them again and again."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()

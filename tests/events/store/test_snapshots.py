@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 
 import pytest
 
-from events.store.snapshots import NAME, ChunkDamaged, Place, Snapshots, SnapshotWriter
+from events.store.snapshots import NAME, ChunkDamaged, Place, Snapshots, SnapshotWriter, unhurried
 from tests.checks import check_equal
 
 CHUNKS = {10: (0, b"ten"), 20: (10, b""), 35: (20, bytes(range(256)) * 3), 50: (10, b"fifty")}
@@ -103,3 +105,17 @@ def test_a_writer_that_can_not_write_says_so(tmp_path: Path) -> None:
     written(tmp_path)
     writer.discard()
     check_equal(list(tmp_path.iterdir()), [])
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_the_collector_rests_and_is_what_it_was(on: bool) -> None:
+    """Also where loading fails."""
+    was = gc.isenabled()
+    try:
+        (gc.enable if on else gc.disable)()
+        with suppress(ChunkDamaged), unhurried():
+            check_equal(gc.isenabled(), False)
+            raise ChunkDamaged("for a test")
+        check_equal(gc.isenabled(), on)
+    finally:
+        (gc.enable if was else gc.disable)()
