@@ -27,9 +27,17 @@ class Peaks:
 
     __slots__ = ("_peaks", "size")
 
-    def __init__(self) -> None:
-        self._peaks: list[bytes] = []
-        self.size = 0
+    def __init__(self, size: int = 0, peaks: Iterable[bytes] = ()) -> None:
+        """Begin with nothing, or go on from a tree of `size` leaves. Raises ValueError for another number of peaks."""
+        self._peaks: list[bytes] = list(peaks)
+        self.size = size
+        if len(self._peaks) != size.bit_count():
+            raise ValueError(f"a tree of {size} leaves has {size.bit_count()} peaks, not {len(self._peaks)}")
+
+    @property
+    def peaks(self) -> tuple[bytes, ...]:
+        """What is needed to go on."""
+        return tuple(self._peaks)
 
     def append(self, leaf: bytes) -> None:
         """Take the next leaf in. Two subtrees of the same size become one: once for each low bit that carries."""

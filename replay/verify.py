@@ -31,6 +31,7 @@ from replay.causes import Line, chain, line
 from replay.fields import first_difference
 from replay.incomplete import Partial
 from replay.same import meant, said, same
+from replay.states import SignedStates
 from replay.verdict import Divergence, Gaps, Outcome, Since, Verdict
 from statecharts import State, logic, restore, step
 from statecharts.logic import Change
@@ -85,6 +86,7 @@ class _Run:
         self.intended: Divergence | None = None  # the first difference that a change of logic explains
         self.intentions = 0
         self.sealed = Chain(reader.flight_id, reader.secret)
+        self.states = SignedStates(reader.checkpoints() if self.partial is None else (), self.state)
 
     def whole(self, progress: Progress) -> None:
         """Check and replay everything. Raises _Ended."""
@@ -169,10 +171,12 @@ class _Run:
         self._note_logic(observation)
         replayed = step(self.state, observation).records
         self.decisions += len(recorded) - 1
-        if len(replayed) == len(recorded) and all(map(same, recorded, replayed)):
-            return
-        self._differs(recorded, replayed)
-        self._follow(recorded, observation)
+        if len(replayed) != len(recorded) or not all(map(same, recorded, replayed)):
+            self._differs(recorded, replayed)
+            self._follow(recorded, observation)
+        if (other := self.states.after(recorded[-1].seq)) is not None:
+            self.diverged += 1
+            self.first = self.first or other
 
     def _note_logic(self, observation: Record) -> None:
         start = observation.message

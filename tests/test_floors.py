@@ -17,6 +17,7 @@ from tests.house import Source, source_of, sources
 STANDARD = {
     *("__future__", "array", "bisect", "collections", "dataclasses", "enum", "functools", "hashlib", "heapq"),
     *("itertools", "operator", "struct", "types", "typing", "google.protobuf"),
+    "msgspec",  # rows of the state as bytes: pure, the same bytes everywhere, ten times as fast as in Python
 }
 FLOORS = {
     "events": {"events"},

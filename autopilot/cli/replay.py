@@ -18,6 +18,7 @@ from autopilot.cli.blaming import blamed, tell_blame
 from autopilot.cli.copies import tell_recovered
 from autopilot.cli.flight import USAGE, folder_of, with_flight
 from autopilot.cli.redactions import redactions_of, told
+from autopilot.cli.seeking import show_at
 from autopilot.trust.notes import NoteInvalid
 from autopilot.trust.replayed import VERDICT_FILE, read_verdict
 from events import UnknownKind, kind_named
@@ -34,6 +35,7 @@ examples:
   autopilot replay verify flights/000001-1a2b3c4d --json
   autopilot replay show flights/000001-1a2b3c4d --from 100 --to 160
   autopilot replay show flights/000001-1a2b3c4d --kind order_received
+  autopilot replay show flights/000001-1a2b3c4d --at 160
   autopilot replay why flights/000001-1a2b3c4d 142
   autopilot replay check flights/000001-1a2b3c4d
   autopilot replay recover flights/000001-1a2b3c4d recovered
@@ -62,7 +64,10 @@ chain holds from the first on is copied with its leaf, as far as the last whole 
 lost, and what the head file knew is said here and in recovered.json beside the copy, which can be verified like any
 flight. Exit code 0 only where nothing is wrong.
 """
-_SHOW = "Print a flight's records, one a line: seconds of the flight, seq, kind, and what it says."
+_SHOW = """\
+Print a flight's records, one a line: seconds of the flight, seq, kind, and what it says. With --at: the state after one
+record instead, from the nearest snapshot before it: which tables have how many rows, and what was open.
+"""
 _WHY = "Print what led to a record, back to the observation that it came from, and everything that it led to."
 
 
@@ -83,6 +88,8 @@ def add(commands: Any) -> None:
     one.add_argument("--from", dest="start", type=_seq, default=0, metavar="SEQ", help="first record (default 0)")
     one.add_argument("--to", dest="stop", type=_seq, default=None, metavar="SEQ", help="last record (default: the end)")
     one.add_argument("--kind", default="", help="only records of this kind, e.g. order_received")
+    one.add_argument("--at", type=_seq, default=None, metavar="SEQ", help="no records: the state after this one")
+    one.add_argument("--json", action="store_true", help="with --at: print the state as one JSON object")
     one.set_defaults(run=run_show)
     one = _command(own, "why", "print causes and consequences of a record", _WHY)
     one.add_argument("seq", type=_seq, metavar="SEQ", help="number of the record")
@@ -194,11 +201,20 @@ def run_recover(args: argparse.Namespace) -> int:
 def run_show(args: argparse.Namespace) -> int:
     """Print records; return the exit code."""
     stop = None if args.stop is None else args.stop + 1
+    if args.at is not None:
+        return _show_at(args.flight, args.at, as_json=args.json)
     try:
         kind = kind_named(args.kind) if args.kind else None
     except UnknownKind as error:
         return _wrong(str(error))
     return with_flight(args.flight, lambda reader: _print(show(reader, args.start, stop, kind)))
+
+
+def _show_at(flight: str, seq: int, *, as_json: bool) -> int:
+    try:
+        return with_flight(flight, lambda reader: show_at(reader, folder_of(flight), seq, as_json=as_json))
+    except LookupError as error:
+        return _wrong(str(error))
 
 
 def run_why(args: argparse.Namespace) -> int:

@@ -23,7 +23,11 @@ BYTES_MAX = 1 << 20
 NODE, WITNESSES = 2, (1, 3)  # kinds of principals in an identity token; witnesses are operators and services
 PAPERS = frozenset({"log_key", "token", "trust_root"})
 
-_CHECKPOINT = re.compile(r"(\S+)\n(0|[1-9]\d{0,18})\n(\S{44})\nflight_ns (0|[1-9]\d{0,18})\n(?:[ -~]+\n)*", re.ASCII)
+_CHECKPOINT = re.compile(
+    r"(\S+)\n(0|[1-9]\d{0,18})\n(\S{44})\nflight_ns (0|[1-9]\d{0,18})\n"
+    r"(?:state [0-9a-f]{8} [A-Za-z0-9+/]{43}=\n)?(?:(?!state )[ -~]+\n)*",
+    re.ASCII,
+)
 _LOG_KEY = re.compile(
     r"waypoint/log-key/v1\n(waypoint/([a-z0-9-]{1,64})/([a-z0-9-]{1,64}))/([1-9]\d{0,9})\n"
     r"flight ([0-9a-f]{32})\nkey (\S{44})\n",

@@ -6,17 +6,19 @@ at this moment is the state's to say.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 from events.records import Record
 from events.schema.vehicle_pb2 import VehicleStateReported
 
 
+@dataclass(slots=True)
 class Arming:
     """Follows one flight."""
 
-    def __init__(self) -> None:
-        self.flown = False  # a vehicle was armed in this flight
-        self.abandoned = False  # a boot found disarmed what an earlier boot had recorded armed, and nothing armed since
-        self._armed_in: dict[int, int] = {}  # by vehicle: the boot that last saw it armed, until it is seen disarmed
+    flown: bool = False  # a vehicle was armed in this flight
+    abandoned: bool = False  # a boot found disarmed what an earlier boot had recorded armed, and nothing armed since
+    armed_in: dict[int, int] = field(default_factory=dict)  # by vehicle: the boot that last saw it armed, till disarmed
 
     def note(self, observation: Record) -> None:
         """Take in what a vehicle reported; anything else is no news."""
@@ -26,6 +28,6 @@ class Arming:
         boot = observation.at.boot
         if report.armed:
             self.flown, self.abandoned = True, False
-            self._armed_in[report.vehicle] = boot
-        elif self._armed_in.pop(report.vehicle, boot) < boot:
+            self.armed_in[report.vehicle] = boot
+        elif self.armed_in.pop(report.vehicle, boot) < boot:
             self.abandoned = True

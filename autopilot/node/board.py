@@ -53,6 +53,15 @@ class Board:
         """Take in what stands in the way of more free space."""
         self.disk_short = words
 
+    @property
+    def folded(self) -> status.Status:
+        """What is shown, after every record that was heard."""
+        return self._status
+
+    def recall(self, shown: status.Status) -> None:
+        """Show again what was shown once, instead of hearing everything before. On the node's thread."""
+        self._status = shown
+
     def hear(self, records: tuple[Record, ...]) -> None:
         """Fold durable records. On the node's thread, which must not end because something can't be shown."""
         before, now = self._status, self._status

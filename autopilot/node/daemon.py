@@ -31,6 +31,7 @@ from autopilot.node.loop import NodeLoop, Stop
 from autopilot.node.not_recording import CannotRecord, NotRecording
 from autopilot.node.projecting import Projecting
 from autopilot.node.proving import Prover
+from autopilot.node.restoring import Keeper
 from autopilot.node.sealing import Sealer
 from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
 from autopilot.node.verdicts import Verdicts
@@ -216,7 +217,7 @@ class Daemon:
         )
 
     def _flights(self, identity: Identity) -> Flights:
-        config = self._config
+        config, sealer = self._config, Sealer(identity, self._clock)
         models = [config.eyes.model] if config.eyes.source in ("file", "device") else []
         return Flights(
             Path(config.node.flights),
@@ -232,8 +233,9 @@ class Daemon:
                 ),
             ),
             self._clock,
-            sealer=Sealer(identity, self._clock),
+            sealer=sealer,
             outage_longest_h=config.flight.outage_longest_h,
+            keeper=Keeper(sealer, version("autopilot"), lambda: self._board.folded, self._board.recall),
         )
 
 

@@ -29,7 +29,8 @@ from google.protobuf.message import Message
 from autopilot.node.arming import Arming
 from autopilot.node.clock import FlightClock, read_clocks
 from autopilot.node.joining import NO_OUTAGE, Outage, is_same_boot, outage
-from autopilot.node.sealing import Sealer, Sealing
+from autopilot.node.restoring import Keeper, Resuming
+from autopilot.node.sealing import Known, Sealer, Sealing
 from autopilot.ports.edges import Clock
 from events.chain import SECRET_BYTES
 from events.records import NO_CAUSE, Moment, Record, make_record, read_record
@@ -74,6 +75,7 @@ class Session:
     arming: Arming = field(default_factory=Arming)
     outage: Outage = NO_OUTAGE  # between the last record and this start
     sealing: Sealing | None = None  # None: nobody signs what this node records
+    known: Known | None = None  # where it was started from a snapshot
     fresh: list[Record] = field(default_factory=list)  # recorded while opening: their effects are still to be performed
 
     def observe(self, observation: Message) -> tuple[Record, ...]:
@@ -108,6 +110,7 @@ class Flights:
         random_bytes: RandomBytes = os.urandom,
         sealer: Sealer | None = None,
         outage_longest_h: float = 24.0,
+        keeper: Keeper | None = None,
     ) -> None:
         self._root = root
         self._outage_longest_ns = int(outage_longest_h * 3600 * 1e9)
@@ -115,9 +118,12 @@ class Flights:
         self._clock = clock
         self._random = random_bytes
         self._sealer = sealer
+        self._keeper = keeper
 
     def open(self, on_records: OnRecords) -> Session:
-        """Return the session to record in; everything that is in its log is told to `on_records` first.
+        """Return the session to record in; what is in its log is told to `on_records` first.
+
+        That is everything, or what follows the snapshot that it is started from.
 
         Raises StoreFailed, and UnknownKind or BodyBroken for a log of a newer version.
         """
@@ -145,7 +151,8 @@ class Flights:
         self._record(session, [flight_pb2.FlightClosed(reason=reason)], on_records)
         session.closed = True
         if session.sealing is None and self._sealer is not None:
-            session.sealing = self._sealer.reopen(session.flight, session.store)
+            session.sealing = self._sealer.reopen(session.flight, session.store, session.state, session.known)
+            self._keep(session)
         if session.sealing is not None:
             session.sealing.close(session.clock.peek_ns())
 
@@ -157,7 +164,8 @@ class Flights:
         """Return the newest flight that has records, and what its opening log is to be told of what was found."""
         found: list[Message] = []
         for flight in reversed(flights):
-            finding = examine(flight.folder)
+            resuming = None if self._keeper is None else self._keeper.resuming(flight)
+            finding = examine(flight.folder, None if resuming is None else resuming.vouched)
             match finding.action:
                 case Action.REFUSE:
                     raise StoreFailed(f"{flight.folder}: {finding.detail}")
@@ -167,8 +175,9 @@ class Flights:
                     found.append(_recovered(finding))
             if finding.end.seq >= 0:
                 store = KeptLog(finding) if finding.action is Action.KEEP_AND_BEGIN else open_flight(flight)
+                session = Session(flight, store, State(), FlightClock(self._clock, 1))
                 try:
-                    session = self._load(Session(flight, store, State(), FlightClock(self._clock, 1)), on_records)
+                    self._load(session, on_records, resuming)
                 except StoreFailed:
                     _let_go(store)
                     raise
@@ -176,14 +185,14 @@ class Flights:
                 return session, found
         return None, found
 
-    def _load(self, session: Session, on_records: OnRecords) -> Session:
-        for recorded in steps_of(map(read_record, session.store.stored())):
+    def _load(self, session: Session, on_records: OnRecords, resuming: Resuming | None) -> None:
+        start = 0 if resuming is None else resuming.resume(session)
+        for recorded in steps_of(map(read_record, session.store.stored(start))):
             session.due = restore(session.state, recorded)
             session.note(recorded[0])
             on_records(recorded)
         if session.last is not None:
             self._join(session, session.last)
-        return session
 
     def _join(self, session: Session, last: Moment) -> None:
         """Let the flight's time go on where the log ends, by as much as it is known to have gone on."""
@@ -228,9 +237,14 @@ class Flights:
         """Open the seal of a session; return what its log is to be told of it."""
         if self._sealer is None:
             return []
-        sealing = session.sealing = self._sealer.open(session.flight, session.store)
+        sealing = session.sealing = self._sealer.open(session.flight, session.store, session.state, session.known)
+        self._keep(session)
         refused = [flight_pb2.SealRefused(because=sealing.refusal)] if sealing.refusal else []
         return [flight_pb2.LogKeyCertified(certificate=sealing.certificate), *refused]
+
+    def _keep(self, session: Session) -> None:
+        if self._keeper is not None:
+            self._keeper.keep(session)
 
     def _started(self, start: int, gone: Outage) -> flight_pb2.NodeStarted:
         started = flight_pb2.NodeStarted(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 from autopilot.node.cosigned import Cosigned
 from autopilot.ports.edges import Clock
@@ -22,18 +23,40 @@ from autopilot.trust.notes import (
     Checkpoint,
     LogKey,
     NoteInvalid,
+    StateMark,
     open_note,
     read_checkpoint,
     read_log_key,
     sign_note,
+    signed_checkpoint,
 )
-from events.store import Appender, Flight, StoreFailed
+from events.store import Appender, Flight, Reader, StoreFailed
 from events.tree import Peaks
+from statecharts import State
+from statecharts.codec import LAYOUT
+from statecharts.digest import Rows, StateDigest
 
 KEY_FILE, CERTIFICATE_FILE = "log_key", "log_key.note"
 # Signed at the latest after so many records or so long, whichever comes first: the stretch that nobody vouches for.
 EVERY_RECORDS = 1000
 EVERY_NS = 10_000_000_000
+
+
+class Known(NamedTuple):
+    """What is known of a log without reading it whole: of its first records, and of the state that they lead to."""
+
+    size: int
+    peaks: tuple[bytes, ...]
+    digest: StateDigest  # follows the state, which may have gone on since
+
+
+class Sealed(NamedTuple):
+    """What a checkpoint was signed over."""
+
+    size: int
+    leaf: bytes
+    peaks: tuple[bytes, ...]
+    rows: Rows  # of the state that changed since the checkpoint before
 
 
 class Sealer:
@@ -44,19 +67,34 @@ class Sealer:
         self._clock = clock
         self._random = random_bytes
 
-    def open(self, flight: Flight, store: Appender) -> Sealing:
-        """Return the seal of an open flight, with the key that it has or with a fresh one. Raises StoreFailed."""
-        return self._sealing(flight, store, self._known(flight, store) or self._fresh(flight, store))
+    def open(self, flight: Flight, store: Appender, state: State, known: Known | None = None) -> Sealing:
+        """Return the seal of an open flight, with the key that it has or with a fresh one. Raises StoreFailed.
 
-    def reopen(self, flight: Flight, store: Appender) -> Sealing | None:
+        `state` is that after everything in the log, whenever it is sealed.
+        """
+        return self._sealing(flight, store, self._known(flight, store) or self._fresh(flight, store), state, known)
+
+    def reopen(self, flight: Flight, store: Appender, state: State, known: Known | None = None) -> Sealing | None:
         """Return the seal of a flight that is only to be closed; None where it has no key any more."""
         key = self._known(flight, store)
-        return None if key is None else self._sealing(flight, store, key)
+        return None if key is None else self._sealing(flight, store, key, state, known)
 
-    def _sealing(self, flight: Flight, store: Appender, key: SignKey) -> Sealing:
+    def signed(self, flight: Flight, reader: Reader, size: int) -> Checkpoint | None:
+        """Return the checkpoint over `size` records that the certified log key signed; None where there is none."""
+        signer = f"waypoint/{self._identity.deployment_id}/{self._identity.principal_id}"
+        try:
+            certificate = (flight.folder / CERTIFICATE_FILE).read_text("utf-8")
+            note = dict(reader.checkpoints()).get(size, "")
+            log_key, checkpoint = signed_checkpoint(certificate, note, signer, self._identity.public_key)
+        except (OSError, UnicodeDecodeError, NoteInvalid):
+            return None
+        return checkpoint if (log_key.flight_id, checkpoint.size) == (reader.flight_id, size) else None
+
+    def _sealing(self, flight: Flight, store: Appender, key: SignKey, state: State, known: Known | None) -> Sealing:
         certified = self._certificate(flight, store, key)
         note = sign_note(certified.text(), certified.signer, self._identity.sign_key)
-        return Sealing(flight.folder, store, key, certified.origin, note, self._clock)
+        known = known or Known(0, (), StateDigest(state))
+        return Sealing(flight.folder, store, key, certified.origin, note, self._clock, state, known)
 
     def _certificate(self, flight: Flight, store: Appender, key: SignKey) -> LogKey:
         return LogKey(
@@ -101,19 +139,30 @@ class Sealing:
     """The seal of one open flight."""
 
     def __init__(
-        self, folder: Path, store: Appender, key: SignKey, origin: str, certificate: str, clock: Clock
+        self,
+        folder: Path,
+        store: Appender,
+        key: SignKey,
+        origin: str,
+        certificate: str,
+        clock: Clock,
+        state: State,
+        known: Known,
     ) -> None:
         self._folder = folder
         self._store = store
         self._key = key
         self._clock = clock
         self._origin = origin
-        self._peaks = Peaks()
+        self._state = state
+        self._digest = known.digest
+        self._peaks = Peaks(known.size, known.peaks)
         self._sealed = 0  # records under the newest checkpoint
         self._sealed_mono_ns: int | None = None  # None: not yet since this start
         self._armed = False
         self.certificate = certificate
         self.cosigned = Cosigned(origin, key.public, store, clock)
+        self.on_sealed: Callable[[Sealed], None] = _nothing
         self.newest = ""  # the newest checkpoint that is stored, as a note; read from other threads
         self.refusal = self._resume()
 
@@ -130,16 +179,20 @@ class Sealing:
 
     def seal(self, flight_ns: int) -> None:
         """Sign what is durable now, store that, and let it be published. Raises StoreFailed."""
+        rows = self._digest.advance()
         if self.refusal:
             return
-        self._advance(self._store.head.seq + 1)
+        head = self._store.head
+        self._advance(head.seq + 1)
         size = self._peaks.size
-        root = self._peaks.root()
-        text = Checkpoint(self._origin, size, root, flight_ns).text()
+        assert self._state.next_seq.value == size, "the state is not that of what is durable"
+        root, state = self._peaks.root(), StateMark(LAYOUT, self._digest.value)
+        text = Checkpoint(self._origin, size, root, flight_ns, state).text()
         note = sign_note(text, self._origin, self._key)
         self._store.add_checkpoint(size, note)
         self.cosigned.signed(size, root)
         self._sealed, self.newest = size, note
+        self.on_sealed(Sealed(size, head.leaf, self._peaks.peaks, rows))
 
     def close(self, flight_ns: int) -> None:
         """Sign the whole flight and erase the key. Raises StoreFailed."""
@@ -170,6 +223,10 @@ class Sealing:
     def _advance(self, size: int) -> None:
         for stored in self._store.stored(self._peaks.size, size):
             self._peaks.append(stored.leaf)
+
+
+def _nothing(_sealed: Sealed) -> None:
+    pass
 
 
 def _erase(path: Path) -> None:

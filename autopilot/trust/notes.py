@@ -12,15 +12,17 @@ import base64
 import hashlib
 import re
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from autopilot.trust.keys import SignatureInvalid, SignKey, verify
 from autopilot.trust.limits import KEY_BYTES, SIGNATURE_BYTES
 
-NOTE_BYTES_MAX = 4096  # a checkpoint has near 250 bytes, a certificate near 500
+NOTE_BYTES_MAX = 4096  # a checkpoint has near 310 bytes, a certificate near 500
 _ED25519 = b"\x01"
 _NOTE_KEY_ID_BYTES = 4
 _LOG_KEY = "waypoint/log-key/v1"
 _SIGNATURE = re.compile(r"— (\S+) ([A-Za-z0-9+/]+={0,2})\n")
+_STATE = re.compile(r"state ([0-9a-f]{8}) (\S+)", re.ASCII)
 _NUMBER = re.compile(r"0|[1-9][0-9]{0,18}")
 
 
@@ -57,6 +59,13 @@ def open_note(note: str, name: str, public_key: bytes) -> str:
     return f"{text}\n"
 
 
+class StateMark(NamedTuple):
+    """What a checkpoint says of the state that its records lead to."""
+
+    layout: bytes  # 4 bytes: digests are comparable under the same one only
+    digest: bytes
+
+
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
     """What a log's key says: so many records, under this root."""
@@ -65,20 +74,33 @@ class Checkpoint:
     size: int
     root: bytes
     flight_ns: int  # time of the flight when it was signed, so that silence can be told from a node that is gone
+    state: StateMark | None = None
 
     def text(self) -> str:
-        """Return the text to sign: the three lines of the format, and the time as an extension line."""
+        """Return the text to sign: the three lines of the format, and time and state as extension lines."""
         root = base64.b64encode(self.root).decode()
-        return f"{self.origin}\n{self.size}\n{root}\nflight_ns {self.flight_ns}\n"
+        said = f"{self.origin}\n{self.size}\n{root}\nflight_ns {self.flight_ns}\n"
+        if self.state is None:
+            return said
+        return f"{said}state {self.state.layout.hex()} {base64.b64encode(self.state.digest).decode()}\n"
 
 
 def read_checkpoint(text: str) -> Checkpoint:
     """Read the text of a checkpoint. Raises NoteInvalid."""
     lines = text.split("\n")
-    if len(lines) != 5 or lines[4] or not lines[0] or not lines[3].startswith("flight_ns "):
+    if len(lines) not in (5, 6) or lines[-1] or not lines[0] or not lines[3].startswith("flight_ns "):
         raise NoteInvalid("a checkpoint has an origin, a size, a root and the time of the flight")
     root = _from_base64(lines[2], KEY_BYTES)
-    return Checkpoint(lines[0], _number(lines[1]), root, _number(lines[3].removeprefix("flight_ns ")))
+    flight_ns = _number(lines[3].removeprefix("flight_ns "))
+    state = _state(lines[4]) if len(lines) == 6 else None
+    return Checkpoint(lines[0], _number(lines[1]), root, flight_ns, state)
+
+
+def _state(line: str) -> StateMark:
+    found = _STATE.fullmatch(line)
+    if found is None:
+        raise NoteInvalid("the line after the time is not that of the state")
+    return StateMark(bytes.fromhex(found[1]), _from_base64(found[2], KEY_BYTES))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,6 +145,18 @@ def read_log_key(text: str) -> LogKey:
     if made.text() != text:
         raise NoteInvalid("the certificate of a log key is not written as it is to be")
     return made
+
+
+def signed_checkpoint(certificate: str, note: str, signer: str, public_key: bytes) -> tuple[LogKey, Checkpoint]:
+    """Return a checkpoint that is signed by the key that `signer` certified with this key of its own, and that key.
+
+    Raises NoteInvalid.
+    """
+    log_key = read_log_key(open_note(certificate, signer, public_key))
+    checkpoint = read_checkpoint(open_note(note, log_key.origin, log_key.public_key))
+    if checkpoint.origin != log_key.origin:
+        raise NoteInvalid("the checkpoint is of another log than its key may sign")
+    return log_key, checkpoint
 
 
 def _number(text: str) -> int:

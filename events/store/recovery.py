@@ -6,7 +6,7 @@ is opened to read only. What the action means is done by the node.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -26,6 +26,8 @@ from events.store.walscan import Wal, WalScan, scan_wal
 
 _MANIFEST = 1  # kind number of `flight_opened`
 _NOTHING = Head(-1, FIRST_LEAF_BEFORE)
+# The last record that somebody vouches for, with all before it; seq -1 where nobody does. Called once.
+Vouched = Callable[[SqliteReader], Head]
 _NOT_THE_LOGS_FAULT = (
     *(apsw.IOError, apsw.CantOpenError, apsw.PermissionsError, apsw.ReadOnlyError),
     *(apsw.BusyError, apsw.LockedError, apsw.NoMemError, apsw.FullError),
@@ -202,14 +204,17 @@ class Finding:
                 yield "one slot of the head file is torn"
 
 
-def examine(folder: Path) -> Finding:
-    """Return what is found in a flight's folder and what to do with it. Raises StoreMissing where there is no log."""
+def examine(folder: Path, vouched: Vouched | None = None) -> Finding:
+    """Return what is found in a flight's folder and what to do with it. Raises StoreMissing where there is no log.
+
+    `vouched` is asked for the record up to which somebody vouches for the log: it is read from there on.
+    """
     database = folder / DATABASE
     if not database.exists():
         raise StoreMissing(f"there is no log at {database}")
     try:
         wal = scan_wal(folder / f"{DATABASE}-wal")
-        walk = _Walk(_head_file(folder))
+        walk = _Walk(_head_file(folder), vouched or _nobody)
         walk.whole(database)
     except OSError as error:
         facts = Facts(Database.FAILING, Wal.ABSENT, Records.WHOLE, HeadFile.ABSENT, Manifest.NONE)
@@ -217,6 +222,10 @@ def examine(folder: Path) -> Finding:
     facts = Facts(walk.database, wal.verdict, walk.records, walk.head_stands(), walk.manifest)
     seen = walk.head_file if isinstance(walk.head_file, HeadSeen) else None
     return Finding(folder, facts, action_for(facts), walk.flight_id, walk.end, wal, seen, walk.detail)
+
+
+def _nobody(_reader: SqliteReader) -> Head:
+    return _NOTHING
 
 
 def _head_file(folder: Path) -> HeadSeen | HeadFile:
@@ -229,8 +238,9 @@ def _head_file(folder: Path) -> HeadSeen | HeadFile:
 class _Walk:
     """One pass over the records, up to the first that does not hold."""
 
-    def __init__(self, head_file: HeadSeen | HeadFile) -> None:
+    def __init__(self, head_file: HeadSeen | HeadFile, vouched: Vouched) -> None:
         self.head_file = head_file
+        self._vouched = vouched
         self.database = Database.READABLE
         self.records = Records.WHOLE
         self.manifest = Manifest.NONE
@@ -263,8 +273,23 @@ class _Walk:
         self.database, self.detail = Database.MALFORMED, str(error)
 
     def _read(self, reader: SqliteReader) -> None:
-        chain = Chain(reader.flight_id, reader.secret)
-        for expected, stored in enumerate(reader.stored()):
+        after = self._vouched(reader)
+        if after.seq >= 0:
+            self._check(reader, Chain(reader.flight_id, reader.secret), 0, 1)
+            if self.records is Records.WHOLE and self.end.seq < 0:
+                self.records, self.detail = Records.GAP, "record 0 is missing"
+        if self.records is Records.WHOLE:
+            self._pass_over(reader, after)
+            self._check(reader, Chain(reader.flight_id, reader.secret, after.leaf), after.seq + 1, None)
+
+    def _pass_over(self, reader: SqliteReader, after: Head) -> None:
+        """Take the records up to one for what they are; the head file may name one of them."""
+        self.end, head_seq = after, self._head_seq()
+        if head_seq is not None and 0 <= head_seq <= after.seq:
+            self._leaf_at_head = next((stored.leaf for stored in reader.stored(head_seq, head_seq + 1)), None)
+
+    def _check(self, reader: SqliteReader, chain: Chain, start: int, stop: int | None) -> None:
+        for expected, stored in enumerate(reader.stored(start, stop), start):
             if stored.seq != expected:
                 self.records, self.detail = Records.GAP, f"record {expected} is missing"
                 return

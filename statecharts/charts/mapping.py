@@ -12,6 +12,7 @@ Candidates come from an integer grid of `same_object_mm` cells: nine cells hold 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from google.protobuf.message import Message
@@ -109,7 +110,10 @@ def _candidates(state: State, group: str, spot: Spot, size_mm: int) -> list[int]
 
 
 def place_object(state: State, thing: MapObject) -> None:
-    """Put an object on the map, or to its new place; for `evolve` only."""
+    """Put an object on the map, or to its new place; for `evolve` only.
+
+    The grid follows from the objects alone, whatever way they came: each cell that has any names them in order.
+    """
     size_mm = state.flight.limits.same_object_mm
     before = state.objects.get(thing.number)
     here = (thing.class_group, *_cell(thing.spot, size_mm))
@@ -118,8 +122,23 @@ def place_object(state: State, thing: MapObject) -> None:
         there = (before.class_group, *_cell(before.spot, size_mm))
         if there == here:
             return
-        state.grid.put(there, tuple(number for number in state.grid[there] if number != thing.number))
-    state.grid.put(here, (*(state.grid.get(here) or ()), thing.number))
+        left = tuple(number for number in state.grid[there] if number != thing.number)
+        if left:
+            state.grid.put(there, left)
+        else:
+            state.grid.drop(there)
+    state.grid.put(here, tuple(sorted((*(state.grid.get(here) or ()), thing.number))))
+
+
+def grid_of(objects: Iterable[MapObject], size_mm: int) -> dict[tuple[str, int, int], tuple[int, ...]]:
+    """Return the grid that `place_object` leads to for these objects, which come in the order of their numbers."""
+    cells: dict[tuple[str, int, int], list[int]] = {}
+    for thing in objects:
+        spot = thing.spot
+        cells.setdefault((thing.class_group, spot.east_mm // size_mm, spot.north_mm // size_mm), []).append(
+            thing.number
+        )
+    return {cell: tuple(numbers) for cell, numbers in cells.items()}
 
 
 class FrameMissing(LookupError):

@@ -8,10 +8,16 @@ from __future__ import annotations
 
 import sys
 
-from tests.bench import append, growth, latency, reading
+from tests.bench import append, growth, latency, reading, seeking
 from tests.bench.frame import RESULT, Bench, Row, save, table
 
-BENCHES: tuple[Bench, ...] = (*append.BENCHES, *reading.BENCHES, *growth.BENCHES, *latency.BENCHES)
+BENCHES: tuple[Bench, ...] = (
+    *append.BENCHES,
+    *reading.BENCHES,
+    *seeking.BENCHES,
+    *growth.BENCHES,
+    *latency.BENCHES,
+)
 
 
 def main(names: list[str]) -> int:

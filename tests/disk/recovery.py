@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
+from typing import Any
 from unittest.mock import patch
 
 from autopilot.node import flights as flights_module
@@ -39,9 +40,9 @@ def start_on(root: Path) -> Outcome:
     return Outcome(tuple(one.action.value for one in findings), logs, sealed, performed, orders)
 
 
-def _examining(findings: list[Finding]) -> Callable[[Path], Finding]:
-    def examined(folder: Path) -> Finding:
-        findings.append(examine(folder))
+def _examining(findings: list[Finding]) -> Callable[..., Finding]:
+    def examined(folder: Path, *given: Any) -> Finding:
+        findings.append(examine(folder, *given))
         return findings[-1]
 
     return examined

@@ -125,3 +125,20 @@ def test_what_is_not_in_a_tree_has_no_proof() -> None:
         check_no_consistency(before, tree.root(), 3, tree.root(), [])
     check_no_inclusion(leaves(3)[0], 3, 3, [], tree.root())
     check_no_inclusion(leaves(3)[0], 0, 2, [], leaves(3)[0])  # the root of a smaller tree
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 3, 7, 8, 37])
+def test_a_growing_tree_goes_on_from_its_peaks(size: int) -> None:
+    """As if it had seen every leaf; a tree of this size has so many peaks and no others."""
+    leaves = [bytes([number]) * 32 for number in range(50)]
+    whole, begun = Peaks(), Peaks()
+    for leaf in leaves[:size]:
+        begun.append(leaf)
+    again = Peaks(size, begun.peaks)
+    for leaf in leaves:
+        whole.append(leaf)
+    for leaf in leaves[size:]:
+        again.append(leaf)
+    assert (again.size, again.root(), again.peaks) == (50, whole.root(), whole.peaks)
+    with pytest.raises(ValueError, match="peaks"):
+        Peaks(size, (*begun.peaks, bytes(32)))

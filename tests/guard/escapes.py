@@ -34,6 +34,9 @@ AT_REST = (
     Escape("events/kinds.py", "__name__", 1, "in the words of an error, which are not recorded"),
     Escape("events/upcasts.py", "__name__", 1, "in the words of an error, which are not recorded"),
     Escape("projections/canonical.py", "__name__", 1, "in the words of an error, which are not recorded"),
+    Escape(
+        "statecharts/codec.py", "__name__", 5, "names of our own classes, for the digest of the layout and in errors"
+    ),
     Escape("statecharts/table.py", "__name__", 1, "the names of our own guards, for the digest of the charts"),
     Escape("statecharts/engine.py", "__name__", 1, "step_failed names the class of an error: a builtin's or our own"),
     Escape(

@@ -9,10 +9,10 @@ from contextlib import suppress
 
 from events import Record, read_record
 from events.canopy import BLOCK, Canopy
-from projections import audit, objects, pois, status
+from projections import audit, objects, packed, pois, status
 from projections.describe import describe
 from projections.picture import Status
-from statecharts import State, carry_over, restore, steps_of
+from statecharts import LOGIC, State, carry_over, codec, digest, restore, snapshot, steps_of
 from tests.golden.digest import digests, rows_of
 from tests.golden.table import GOLDEN
 
@@ -54,3 +54,15 @@ def _use(records: list[Record]) -> None:
         describe(record)
         told = status.apply(told, record)
     status.plain(told)
+    packed.unpack(packed.pack(told))
+    _keep(state, records)
+
+
+def _keep(state: State, records: list[Record]) -> None:
+    """Make a snapshot of a state and load it."""
+    size, rows = len(records), digest.rows_of(state)
+    chunk = snapshot.Chunk(size, 0, codec.software_digest(LOGIC), b"", (), b"", snapshot.tables_of(rows))
+    expected = digest.digest_of(state)
+    with suppress(snapshot.SnapshotUnfit):  # numbers of more than 64 bits, in `poisoned`, are digested but not kept
+        loaded = snapshot.load(snapshot.chunks_of(size, {size: 0}, lambda _: snapshot.pack(chunk), chunk.software))
+        assert loaded.digest.value == expected

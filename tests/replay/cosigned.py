@@ -24,7 +24,7 @@ def cosigned_story(root: Path, *who: str) -> Sealed:
     flown.sealing.seal(1)
     for name in who:
         _take(flown, getattr(people(), name))
-    flown.store.append([make_record(flown.store.head.seq + 1, NO_CAUSE, story().moment(), _MORE)])
+    flown.append(make_record(flown.store.head.seq + 1, NO_CAUSE, story().moment(), _MORE))
     flown.sealing.close(9)
     flown.store.close()
     return flown
@@ -42,7 +42,7 @@ def _take(flown: Sealed, who: Identity) -> None:
         token=who.token_bytes,
     )
     record = make_record(flown.store.head.seq + 1, NO_CAUSE, story().moment(), said)
-    flown.store.append([record])
+    flown.append(record)
     flown.sealing.cosigned.hear([record])
 
 

@@ -20,7 +20,7 @@ from autopilot.node.sealing import CERTIFICATE_FILE
 from autopilot.trust import documents, pae
 from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE
 from autopilot.trust.keys import SignKey
-from autopilot.trust.notes import Checkpoint, LogKey, sign_note
+from autopilot.trust.notes import Checkpoint, LogKey, StateMark, sign_note
 from events import KINDS
 from events.records import NO_CAUSE, Stored
 from events.schema.waypoint_pb2 import IdentityToken, PrincipalKind, PurposeKey, SignedDoc, TrustRoot
@@ -113,6 +113,20 @@ def test_a_proof_says_what_it_proves_and_what_not() -> None:
         assert part in words
     assert (proved.trust_root in words, "not proved: that what was recorded is true" in words) == (True, True)
     assert (proved.size, proved.signed_flight_ns, proved.flight_id) == (len(STORY.records), 7, FLIGHT_ID)
+
+
+def test_a_checkpoint_with_a_state_proves_as_one_without() -> None:
+    """The proof rests on the root; the line must be written as it is to be all the same."""
+    mark = StateMark(bytes(4), bytes(range(32)))
+    check_proves(prove(sealed(state=mark), 99, papers()), 99)
+    store = sealed()
+    size, note = store.checkpoints()[0]
+    text = f"{note.rpartition(chr(10) * 2)[0]}\n"
+    digest = base64.b64encode(bytes(range(32))).decode()
+    for bad in (f"state 0000000 {digest}", f"state 00000000 {digest[:-1]}", f"state  0000000 {digest}"):
+        origin = text.partition("\n")[0]
+        store.add_checkpoint(size, sign_note(f"{text}{bad}\n", origin, LOG_KEY))
+        check_refused(prove(store, 99, papers()), "does not say what it is to say")
 
 
 def test_no_bit_of_a_proof_can_be_changed() -> None:

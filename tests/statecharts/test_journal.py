@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from statecharts import journal
 from statecharts.journal import Journal, Keyed, Single
 from tests.checks import check_equal
 
@@ -77,3 +80,51 @@ def test_rolled_back_is_as_if_it_had_never_been(
     for change in after:
         pair.change(*change)
     pair.check()
+
+
+@settings(max_examples=150, deadline=None)
+@given(CHANGES, st.lists(st.tuples(CHANGES, st.booleans()), max_size=6), st.sampled_from([0, 3, 8192]))
+def test_what_changed_is_known_and_what_it_was(
+    before: list[tuple[str, str, int]], steps: list[tuple[list[tuple[str, str, int]], bool]], sort_at: int
+) -> None:
+    """Since it was asked for last, whatever was rolled back in between; and never a change that is not told."""
+    pair = Pair()
+    for change in before:
+        pair.change(*change)
+    pair.journal.watch()
+    pair.journal.take()
+    rows, value = dict(pair.model), pair.model_value
+    with patch.object(journal, "SORT_AT", sort_at):
+        for changes, undone in steps:
+            pair.journal.clear()
+            kept, kept_value = dict(pair.model), pair.model_value
+            for change in changes:
+                pair.change(*change)
+            if undone:
+                pair.journal.rollback()
+                pair.model, pair.model_value = kept, kept_value
+    told = pair.journal.take()
+    for key in "abcde":
+        was = told.get(pair.rows, {}).get(key, pair.rows.held(key))
+        check_equal(was, rows.get(key, journal.ABSENT))
+    check_equal(told.get(pair.value, {}).get(None, pair.value.value), value)
+    check_equal(pair.journal.take(), {})
+    kept, kept_value = dict(pair.model), pair.model_value
+    for change in before:
+        pair.change(*change)
+    pair.journal.rollback()
+    pair.model, pair.model_value = kept, kept_value
+    pair.check()
+
+
+def test_nobody_pays_who_does_not_watch() -> None:
+    """Without a watcher nothing is kept beyond a step."""
+    pair = Pair()
+    pair.change("put", "a", 1)
+    pair.journal.clear()
+    check_equal(pair.journal.take(), {})
+    pair.change("put", "a", 2)
+    pair.journal.watch()
+    pair.change("put", "a", 3)
+    pair.journal.clear()
+    check_equal(pair.journal.take(), {pair.rows: {"a": 2}})

@@ -17,7 +17,7 @@ import apsw
 
 from autopilot.node.sealing import CERTIFICATE_FILE
 from autopilot.trust.keys import SignKey
-from autopilot.trust.notes import read_checkpoint, read_log_key, sign_note
+from autopilot.trust.notes import StateMark, read_checkpoint, read_log_key, sign_note
 from events import NO_CAUSE, Chain, Moment, encode, kind_of, make_record, read_record
 from events.kinds import KINDS, Role
 from events.records import Record, Stored
@@ -27,6 +27,8 @@ from events.store.flights import DATABASE
 from events.store.head import HeadFile
 from events.tree import Tree
 from statecharts import State, restore, step, steps_of
+from statecharts.codec import LAYOUT
+from statecharts.digest import digest_of
 from tests.autopilot.trust.world import people
 from tests.flights import position
 
@@ -125,7 +127,7 @@ def sealed_anew(log: Log, skill: Skill, keys: dict[int, SignKey], first: int, be
 
 def _signed(log: Log, skill: Skill, keys: dict[int, SignKey], note: str, size: int, root: bytes) -> str:
     text, _, signature = note.rpartition("\n\n")
-    checkpoint = replace(read_checkpoint(f"{text}\n"), size=size, root=root)
+    checkpoint = replace(read_checkpoint(f"{text}\n"), size=size, root=root, state=_state_after(log.rows[:size]))
     number = log.flight.number
     if skill is Skill.KEPT_SIGNATURES:
         return f"{checkpoint.text()}\n{signature}"
@@ -135,6 +137,17 @@ def _signed(log: Log, skill: Skill, keys: dict[int, SignKey], note: str, size: i
         others = [other for other in keys if other != number]
         key = keys[max(others) if skill is Skill.OTHER_KEY else number]
     return sign_note(checkpoint.text(), checkpoint.origin, key)
+
+
+def _state_after(rows: Sequence[Stored]) -> StateMark | None:
+    """Return what an honest checkpoint over these records would say of the state, where they can be followed."""
+    state = State()
+    try:
+        for recorded in steps_of(map(read_record, rows)):
+            restore(state, recorded)
+    except Exception:  # noqa: BLE001 - a forged record may break any chart
+        return None
+    return StateMark(LAYOUT, digest_of(state))
 
 
 def _own_key(number: int) -> SignKey:

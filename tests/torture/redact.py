@@ -26,7 +26,10 @@ _WHATS = (
 
 
 def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str, Any]:
-    """Redact `count` times (None: FULL); return what was counted. Raises AssertionError with the seed of the first that fails."""
+    """Redact `count` times (None: FULL); return what was counted.
+
+    Raises AssertionError with the seed of the first that fails.
+    """
     counts = {"copies": 0, "removed": 0, "compared": 0, "agreeing": 0, "uncompared": 0, "forgeries": 0}
     last = seed + (FULL if count is None else count)
     for number in range(seed, last):

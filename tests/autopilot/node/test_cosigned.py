@@ -78,13 +78,13 @@ class Node:
         """Make the newest observation durable, as the loop does."""
         observation = self.offered[-1][1]
         record = make_record(self.flown.store.head.seq + 1, NO_CAUSE, self.moment, observation)
-        self.flown.store.append([record])
+        self.flown.append(record)
         self.sealing.cosigned.hear([record])
         return record
 
     def grow(self) -> None:
         """Record something and sign it."""
-        self.flown.store.append([make_record(self.flown.store.head.seq + 1, NO_CAUSE, self.moment, MORE)])
+        self.flown.append(make_record(self.flown.store.head.seq + 1, NO_CAUSE, self.moment, MORE))
         self.sealing.seal(2)
 
     def stored(self) -> str:
@@ -144,7 +144,7 @@ def test_a_repeat_is_old(node: Node) -> None:
     note = node.sealing.newest
     check_taken(node, people().alice, note)
     check_refused(node, by(people().alice, note), "old")
-    again = sealer(node.clock).open(node.flown.flight, node.flown.store)
+    again = sealer(node.clock).open(node.flown.flight, node.flown.store, node.flown.state)
     assert (again.refusal, again.newest, again.cosigned.newest) == ("", note, node.sealing.cosigned.newest)
     node.sealing = again
     check_refused(node, by(people().alice, note), "old")

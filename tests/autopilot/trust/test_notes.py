@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 
 import pytest
 
@@ -11,11 +12,13 @@ from autopilot.trust.notes import (
     Checkpoint,
     LogKey,
     NoteInvalid,
+    StateMark,
     note_key_id,
     open_note,
     read_checkpoint,
     read_log_key,
     sign_note,
+    signed_checkpoint,
 )
 
 KEY = SignKey.from_seed(bytes(range(32)))
@@ -81,6 +84,59 @@ def test_a_malformed_checkpoint_is_refused(part: str, other: str) -> None:
     """One way to write it."""
     with pytest.raises(NoteInvalid):
         read_checkpoint(CHECKPOINT.text().replace(part, other))
+
+
+STATE = StateMark(bytes.fromhex("00c0ffee"), bytes(range(1, 33)))
+
+
+def test_a_checkpoint_may_name_the_state() -> None:
+    """In a line of its own; without it an old checkpoint is what it was."""
+    stated = replace(CHECKPOINT, state=STATE)
+    digest = base64.b64encode(bytes(range(1, 33))).decode()
+    assert stated.text() == f"{CHECKPOINT.text()}state 00c0ffee {digest}\n"
+    assert read_checkpoint(stated.text()) == stated
+    assert read_checkpoint(CHECKPOINT.text()).state is None
+
+
+@pytest.mark.parametrize(
+    ("part", "other"),
+    [
+        ("state 00", "state  00"),
+        ("00c0ffee", "00C0FFEE"),
+        ("00c0ffee", "c0ffee"),
+        ("state", "stage"),
+        ("AQID", "AQI"),
+        ("AQID", "AQI*"),
+        ("=\n", "=\nmore\n"),
+        ("=\n", "=\n\n"),
+    ],
+)
+def test_a_malformed_state_is_refused(part: str, other: str) -> None:
+    """One way to write it, and nothing behind it."""
+    text = replace(CHECKPOINT, state=STATE).text()
+    changed = other.join(text.rsplit(part, 1))
+    assert changed != text
+    with pytest.raises(NoteInvalid):
+        read_checkpoint(changed)
+
+
+def test_a_checkpoint_by_a_certified_key() -> None:
+    """Both signatures, and the one log that the key is for."""
+    device, log = KEY, SignKey.from_seed(bytes(32))
+    certified = replace(LOG_KEY, public_key=log.public)
+    certificate = sign_note(certified.text(), NAME, device)
+    note = sign_note(CHECKPOINT.text(), certified.origin, log)
+    assert signed_checkpoint(certificate, note, NAME, device.public) == (certified, CHECKPOINT)
+    other = replace(CHECKPOINT, origin=f"{NAME}/8")
+    for bad in (
+        (certificate, sign_note(other.text(), certified.origin, log)),
+        (certificate, sign_note(CHECKPOINT.text(), certified.origin, device)),
+        (sign_note(certified.text(), NAME, log), note),
+        ("", note),
+        (certificate, ""),
+    ):
+        with pytest.raises(NoteInvalid):
+            signed_checkpoint(*bad, NAME, device.public)
 
 
 def test_a_certificate_there_and_back() -> None:

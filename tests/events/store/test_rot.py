@@ -100,7 +100,7 @@ def test_what_is_not_looked_at_is_silent(
     [
         ("UPDATE sqlite_schema SET sql = replace(sql, 'seq INTEGER', 'seq INTEGES')", "malformed"),
         ("UPDATE sqlite_schema SET sql = replace(sql, 'size INTEGER', 'size INTEGES')", "schema"),
-        ("UPDATE sqlite_schema SET sql = replace(sql, 'cause INTEGER', 'caust INTEGER')", "schema"),
+        ("UPDATE sqlite_schema SET sql = replace(sql, 'cause INTEGER', 'caust INTEGER')", "no such column"),
         ("UPDATE sqlite_schema SET name = 'checkpoins', tbl_name = 'checkpoins' WHERE name = 'checkpoint'", ""),
         ("CREATE TABLE other (one)", "schema"),
         ("CREATE TRIGGER other AFTER INSERT ON record BEGIN SELECT 1; END", "schema"),
