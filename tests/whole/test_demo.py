@@ -113,8 +113,8 @@ def test_what_it_did_can_be_proved(demo: tuple[Path, subprocess.CompletedProcess
         assert run.returncode == 0, run.stderr
     assert run.stdout.startswith(f"Proved: record {acks[-1]}")
     assert not (folder / "log_key").exists()
-    kept = {path.name for path in demo[0].glob("**/witness/*")}
-    assert kept == {"wasp-01.json"}
+    kept = {path.name for path in demo[0].glob("**/witness/wasp-01/*")}
+    assert kept == {"000001.json"}
 
 
 def test_the_whole_story(tmp_path: Path) -> None:
