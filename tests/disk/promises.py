@@ -16,6 +16,8 @@ from events.records import Record, Stored
 from statecharts.charts.command import FINAL
 
 PRINT_BYTES = 8
+# What a cut log held beyond what was promised: durable, but the power went before its commit returned.
+_UNPROMISED = b"\0"
 
 
 class Committed(NamedTuple):
@@ -60,8 +62,8 @@ class Promised:
         match promise:
             case Committed(flight, first, prints, synced):
                 known = self.logs.get(flight, b"")
-                assert len(known) == first * PRINT_BYTES, f"a commit begins at {first}"
-                self.logs[flight] = known + prints
+                assert len(known) <= first * PRINT_BYTES, f"a commit begins at {first}"
+                self.logs[flight] = known.ljust(first * PRINT_BYTES, _UNPROMISED) + prints
                 self.synced += synced
             case Performed():
                 self.performed.append(promise)
@@ -113,11 +115,19 @@ def broken(promised: Promised, outcome: Outcome) -> Iterator[str]:
         found = outcome.logs.get(flight, b"")
         if len(found) < len(prints):
             yield LOST
-        if not prints.startswith(found[: len(prints)]):
+        if not prints.startswith(found[: len(prints)]) and _replaced(prints, found):
             yield REPLACED
     yield from _of_effects(promised, outcome)
     if not promised.sealed <= outcome.sealed:
         yield UNSEALED
+
+
+def _replaced(prints: bytes, found: bytes) -> bool:
+    pairs = (
+        (prints[at : at + PRINT_BYTES], found[at : at + PRINT_BYTES])
+        for at in range(0, min(len(prints), len(found)), PRINT_BYTES)
+    )
+    return any(mine != theirs and mine != _UNPROMISED * PRINT_BYTES for mine, theirs in pairs)
 
 
 def _of_effects(promised: Promised, outcome: Outcome) -> Iterator[str]:

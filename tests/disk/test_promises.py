@@ -29,9 +29,9 @@ from tests.disk.promises import (
 )
 
 F, G = b"flight", b"another"
-LOG = b"".join(bytes([number]) * 8 for number in range(4))
-ORDERED = Performed(F, 2, bytes([2]) * 8, "alpha/a1")
-ACK = Performed(F, 3, bytes([3]) * 8, None)
+LOG = b"".join(bytes([number]) * 8 for number in range(1, 5))
+ORDERED = Performed(F, 2, bytes([3]) * 8, "alpha/a1")
+ACK = Performed(F, 3, bytes([4]) * 8, None)
 KEPT = Outcome(("go on",), {F: LOG}, frozenset({Sealed(F, 3)}), (), {"alpha/a1": "timeout"})
 
 
@@ -76,8 +76,18 @@ def test_promises_are_counted_and_copied() -> None:
     copy = promises.copy()
     promises.add(Committed(F, 4, b"8 bytes.", 1))
     check_equal((copy.synced, promises.synced, len(copy.logs[F])), (3, 4, 32))
-    with pytest.raises(AssertionError, match="begins at 9"):
-        promises.add(Committed(F, 9, b"", 0))
+    with pytest.raises(AssertionError, match="begins at 3"):
+        promises.add(Committed(F, 3, b"", 0))
+
+
+def test_what_was_durable_without_a_promise_may_be_anything() -> None:
+    """A cut log may hold a commit that never returned; what follows it is promised all the same."""
+    promises = promised()
+    promises.add(Committed(F, 5, b"8 bytes.", 1))
+    for between in (b"x" * 8, b"y" * 8):
+        check_equal(list(broken(promises, replace(KEPT, logs={F: LOG + between + b"8 bytes."}))), [])
+    check_equal(list(broken(promises, replace(KEPT, logs={F: LOG + b"x" * 8 + b"another."}))), [REPLACED])
+    check_equal(list(broken(promises, replace(KEPT, logs={F: LOG + b"x" * 8}))), [LOST])
 
 
 def test_a_record_is_told_from_every_other() -> None:
