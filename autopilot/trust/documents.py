@@ -16,7 +16,7 @@ from typing import TypeVar
 from google.protobuf.message import DecodeError, Message
 
 from autopilot.trust import limits
-from autopilot.trust.keys import SignatureInvalid, SignKey, key_id, verify
+from autopilot.trust.keys import SignatureInvalid, SignKey, digest, key_id, verify
 from autopilot.trust.pae import (
     EPOCH_BUNDLE,
     EPOCH_COMMITMENT,
@@ -138,6 +138,8 @@ class Trust:
     version: int
     expires_ms: int
     keys: Mapping[str, bytes]
+    root_keys: tuple[bytes, ...]
+    threshold: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +147,9 @@ class Revocations:
     """A verified revocation list, ready for look-up."""
 
     version: int
+    key_id: bytes  # of the key that signed it: versions are counted for each key apart
+    digest: bytes  # BLAKE2b-256 of the signed body: two lists of one version are told apart by it
+    issued_at_ms: int
     next_update_ms: int
     principals: frozenset[str]
     device_key_ids: frozenset[bytes]
@@ -181,7 +186,7 @@ def verify_trust_root(data: bytes) -> Trust:
     _require(all(_is_key(key) for key in keys.values()), "TrustRoot: keys: must be 32-byte keys")
     _require(not set(keys.values()) & set(root_keys), "TrustRoot: keys: a root key must serve no other purpose")
     _require(len(set(keys.values())) == len(PURPOSES), "TrustRoot: keys: purposes must not share a key")
-    return Trust(root.deployment_id, root.version, root.expires_ms, keys)
+    return Trust(root.deployment_id, root.version, root.expires_ms, keys, tuple(root_keys), root.threshold)
 
 
 def verify_token(data: bytes, trust: Trust) -> IdentityToken:
@@ -212,7 +217,8 @@ def check_token(token: IdentityToken) -> None:
 
 def verify_revocations(data: bytes, trust: Trust) -> Revocations:
     """Verify a RevocationList. Raises DocumentError."""
-    body = parse(RevocationList, verified_body(REVOCATION_LIST, data, [trust.keys["revoke"]]))
+    signed = verified_body(REVOCATION_LIST, data, [trust.keys["revoke"]])
+    body = parse(RevocationList, signed)
     entries = [list(body.principals), _hexed(body.device_key_ids), _hexed(body.token_ids)]
     _require(body.v == 1, "RevocationList: v: only version 1 is known")
     _require(body.deployment_id == trust.deployment_id, "RevocationList: deployment_id: is another deployment's")
@@ -223,6 +229,9 @@ def verify_revocations(data: bytes, trust: Trust) -> Revocations:
     _require(ordered, "RevocationList: entries: must be sorted and unique")
     return Revocations(
         version=body.version,
+        key_id=key_id(trust.keys["revoke"]),
+        digest=digest(signed),
+        issued_at_ms=body.issued_at_ms,
         next_update_ms=body.next_update_ms,
         principals=frozenset(body.principals),
         device_key_ids=frozenset(body.device_key_ids),

@@ -21,7 +21,7 @@ class Offered(Enum):
     OLD = "old"  # an epoch that is over or was replaced: no alarm, for bundles are fetched again and again
     MALFORMED = "malformed"  # too large, can't be parsed, or a field is out of its bounds
     UNSIGNED = "unsigned"  # not signed by the key of its purpose
-    FOREIGN = "foreign"  # another deployment's, or wrapped for another device
+    FOREIGN = "foreign"  # wrapped for another device, or another deployment's root
     ROLLBACK = "rollback"  # an older version than the one that is held: alarm
     EQUIVOCATION = "equivocation"  # the same version with another content: alarm
     UNASKED = "unasked"  # a beacon that answers no challenge of ours, or came too late
