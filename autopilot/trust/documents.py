@@ -140,6 +140,7 @@ class Trust:
     keys: Mapping[str, bytes]
     root_keys: tuple[bytes, ...]
     threshold: int
+    digest: bytes  # BLAKE2b-256 of the signed body
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +176,8 @@ def verify_trust_root(data: bytes) -> Trust:
     root_keys = list(claimed.root_keys)
     if len(set(root_keys)) != len(root_keys) or not all(_is_key(key) for key in root_keys):
         raise DocumentMalformed("TrustRoot: root_keys: must be different 32-byte keys")
-    root = parse(TrustRoot, verified_body(TRUST_ROOT, data, root_keys, claimed.threshold))
+    signed = verified_body(TRUST_ROOT, data, root_keys, claimed.threshold)
+    root = parse(TrustRoot, signed)
     keys = {entry.purpose: entry.public_key for entry in root.keys}
     _require(root.v == 1, "TrustRoot: v: only version 1 is known")
     _require(is_name(root.deployment_id), "TrustRoot: deployment_id: must be [a-z0-9-], 1 to 64 characters")
@@ -186,7 +188,9 @@ def verify_trust_root(data: bytes) -> Trust:
     _require(all(_is_key(key) for key in keys.values()), "TrustRoot: keys: must be 32-byte keys")
     _require(not set(keys.values()) & set(root_keys), "TrustRoot: keys: a root key must serve no other purpose")
     _require(len(set(keys.values())) == len(PURPOSES), "TrustRoot: keys: purposes must not share a key")
-    return Trust(root.deployment_id, root.version, root.expires_ms, keys, tuple(root_keys), root.threshold)
+    return Trust(
+        root.deployment_id, root.version, root.expires_ms, keys, tuple(root_keys), root.threshold, digest(signed)
+    )
 
 
 def verify_token(data: bytes, trust: Trust) -> IdentityToken:

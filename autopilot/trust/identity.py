@@ -14,7 +14,7 @@ from typing import TypeVar
 from autopilot.trust import documents
 from autopilot.trust.documents import DocumentError, DocumentUnsigned, Revocations, Trust
 from autopilot.trust.keys import BoxKey, SealBroken, SecretFileError, SignKey, digest, key_id, read_secret
-from autopilot.trust.limits import DOCUMENT_BYTES_MAX, KEY_BYTES
+from autopilot.trust.limits import DOCUMENT_BYTES_MAX, KEY_BYTES, OVERLAP_MS
 from events.schema.waypoint_pb2 import EpochBundle, IdentityToken, PrincipalKind
 
 SIGN_FILE, BOX_FILE = "device.sign", "device.box"
@@ -76,10 +76,26 @@ class Identity:
         """Ed25519 public key of the device, 32 bytes; orders for a node are bound to it."""
         return self.sign_key.public
 
-    def current_epoch(self, now_ms: int) -> Epoch | None:
-        """Return the newest epoch in use at `now_ms`, or None: then nothing may be sent."""
-        usable = [epoch for epoch in self.epochs.values() if epoch.not_before_ms <= now_ms < epoch.retire_at_ms]
+    def current_epoch(self, now_ms: int, *, certain: bool = True) -> Epoch | None:
+        """Return the newest epoch in use at `now_ms`, or None: then nothing may be sent.
+
+        Where the time is not certain there is always one: the oldest, if none is in use by the best guess.
+        """
+        alive = [epoch for epoch in self.epochs.values() if epoch.epoch_id >= self.revocations.min_epoch_id]
+        usable = [epoch for epoch in alive if epoch.not_before_ms <= now_ms < epoch.retire_at_ms]
+        if alive and not usable and not certain:
+            usable = [min(alive, key=lambda epoch: epoch.epoch_id)]
         return max(usable, key=lambda epoch: epoch.epoch_id, default=None)
+
+    def is_over(self, epoch: Epoch, now_ms: int) -> bool:
+        """Say whether an epoch's key opens nothing any more.
+
+        It opens until two minutes after it is retired, or after a newer one came into use, and never below the
+        list's least epoch.
+        """
+        newer = [other.not_before_ms for other in self.epochs.values() if other.epoch_id > epoch.epoch_id]
+        ends_ms = min(epoch.retire_at_ms, *newer) if newer else epoch.retire_at_ms
+        return now_ms > ends_ms + OVERLAP_MS or epoch.epoch_id < self.revocations.min_epoch_id
 
 
 def load_identity(folder: Path | str, now_ms: int | None = None) -> Identity:

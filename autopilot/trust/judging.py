@@ -37,7 +37,7 @@ from autopilot.trust import documents
 from autopilot.trust.documents import DocumentError, DocumentUnsigned, Revocations, Trust
 from autopilot.trust.fetching import Offered, What
 from autopilot.trust.identity import Epoch, Identity, open_epoch
-from autopilot.trust.keys import SealBroken, digest, key_id
+from autopilot.trust.keys import SealBroken, key_id
 from autopilot.trust.pae import TRUST_ROOT
 from events.schema.trust_pb2 import TrustAlarm
 from events.schema.waypoint_pb2 import EpochBundle
@@ -50,13 +50,16 @@ class Known(NamedTuple):
     digest: bytes
 
 
+NONE = Known(0, b"")
+
+
 @dataclass(frozen=True, slots=True)
 class Floors:
     """The highest that was ever taken, as the log has it: what is held may be older where a disk lost it."""
 
     lists: Mapping[bytes, Known]  # by the id of the key that signed them
     epoch_id: int = 0
-    root: Known = Known(0, b"")
+    root: Known = NONE
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +76,7 @@ def judge_revocations(data: bytes, held: Identity, floors: Floors) -> Revocation
         offered = documents.verify_revocations(data, held.trust)
     except DocumentError as error:
         return Refused(_fault(error))
-    newest = floors.lists.get(offered.key_id, Known(0, b""))
+    newest = floors.lists.get(offered.key_id, NONE)
     if offered.version == newest.version == held.revocations.version and offered.digest == newest.digest:
         return Refused(Offered.SAME)
     return _against(newest, Known(offered.version, offered.digest), "revocations") or offered
@@ -102,12 +105,12 @@ def judge_root(data: bytes, held: Identity, floors: Floors) -> Trust | Refused:
     """Judge a TrustRoot; return it where it is to be taken."""
     try:
         offered = documents.verify_trust_root(data)
-        body = documents.verified_body(TRUST_ROOT, data, held.trust.root_keys, held.trust.threshold)
+        documents.verified_body(TRUST_ROOT, data, held.trust.root_keys, held.trust.threshold)
     except DocumentError as error:
         return Refused(_fault(error))
     if offered.deployment_id != held.deployment_id:
         return Refused(Offered.FOREIGN)
-    wrong = _against(floors.root, Known(offered.version, digest(body)), "trust_root")
+    wrong = _against(floors.root, Known(offered.version, offered.digest), "trust_root")
     if wrong is None and offered.version == held.trust.version:
         return Refused(Offered.SAME)
     return wrong or offered

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from autopilot.trust.identity import EPOCH_FILE, EPOCHS_FOLDER, REVOCATIONS_FILE, ROOT_BEFORE_FILE, ROOT_FILE
 from autopilot.trust.keys import erase_file, sync_folder, write_file
+from events.schema.waypoint_pb2 import EpochBundle, SignedDoc
 
 
 def keep_revocations(folder: Path, data: bytes) -> None:
@@ -30,18 +31,22 @@ def keep_epoch(folder: Path, epoch_id: int, data: bytes) -> None:
     _keep(folder / EPOCHS_FOLDER / str(epoch_id), data)
 
 
-def erase_epochs(folder: Path, kept: frozenset[int], issued: int) -> None:
-    """Overwrite and remove the bundles of epochs that are over; the newest one stands in for that which was issued.
+def erase_epochs(folder: Path, kept: frozenset[int]) -> None:
+    """Overwrite and remove the bundles of epochs that are not in `kept`. Raises OSError.
 
-    `kept` are the epochs that go on, `issued` the one in the file that the Directory wrote. Raises OSError.
+    Where the one that the Directory issued is among them, the newest takes its place: there is always one.
     """
     bundles = {int(path.name): path for path in (folder / EPOCHS_FOLDER).glob("*") if re.fullmatch(r"\d+", path.name)}
     newest = bundles.get(max(kept, default=0))
-    if issued not in kept and newest is not None:
+    if _epoch_of(folder / EPOCH_FILE) not in kept and newest is not None:
         _replace_erased(folder / EPOCH_FILE, newest.read_bytes())
     for epoch_id in bundles.keys() - kept:
         erase_file(bundles[epoch_id])
     sync_folder(folder)
+
+
+def _epoch_of(path: Path) -> int:
+    return EpochBundle.FromString(SignedDoc.FromString(path.read_bytes()).body).epoch_id
 
 
 def _replace_erased(path: Path, data: bytes) -> None:

@@ -130,7 +130,7 @@ def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make names in a folder durable: a file that was replaced is the new one also after a power cut. Raises OSError."""
+    """Make names in a folder durable: what was replaced stays so after a power cut. Raises OSError."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

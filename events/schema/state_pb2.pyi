@@ -282,12 +282,18 @@ class CarriedState(_message.Message):
     EPOCH_ID_FIELD_NUMBER: _builtins.int
     ROOT_VERSION_FIELD_NUMBER: _builtins.int
     TIME_FLOOR_MS_FIELD_NUMBER: _builtins.int
+    LIST_BEHIND_FIELD_NUMBER: _builtins.int
+    ROOT_BEHIND_FIELD_NUMBER: _builtins.int
     epoch_id: _builtins.int
-    """Highest epoch that was taken; absent before the first."""
+    """Highest epoch that was taken."""
     root_version: _builtins.int
-    """Version of the TrustRoot; absent before the first."""
+    """Highest version of a TrustRoot that was taken."""
     time_floor_ms: _builtins.int
-    """Floor of the time, milliseconds since 1970; absent where there is none."""
+    """Floor of the time, milliseconds since 1970."""
+    list_behind: _builtins.bool
+    """The list that is held is not the newest that was taken."""
+    root_behind: _builtins.bool
+    """The TrustRoot that is held is not the newest that was taken."""
     @_builtins.property
     def orders(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedOrder]:
         """Orders and their results."""
@@ -334,10 +340,12 @@ class CarriedState(_message.Message):
         epoch_id: _builtins.int | None = ...,
         root_version: _builtins.int | None = ...,
         time_floor_ms: _builtins.int | None = ...,
+        list_behind: _builtins.bool | None = ...,
+        root_behind: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "ignored", b"ignored", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "ignored", b"ignored", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
