@@ -101,6 +101,9 @@ class Story:
             values["target_public_key"] = named["target"].encode() * 8
         if "life" in named:
             values["life_ms"] = int(named["life"])
+        if "overdue" in named:
+            values["revocation_overdue_ms"] = int(named["overdue"])
+        values |= {flag: True for flag in ("time_uncertain", "before_memory") if flag in about}
         if "nonce" in named:
             values["nonce"] = named["nonce"].encode() * 3
         order = self._asked(name, verb, about, named, values)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 from autopilot.trust.clock import Clock
-from autopilot.trust.freshness import Time, taken_as_right
+from autopilot.trust.freshness import Time, TrustClock, known_time
 from autopilot.trust.identity import Identity
 
 
@@ -45,13 +45,12 @@ class Fixed:
         self._clock = clock
 
     def time(self) -> Time:
-        """The clock is right."""
-        return taken_as_right(self._clock)
+        """As far as the clock knows it."""
+        return known_time(self._clock)
 
     def echoes(self, challenge: bytes) -> bool:
-        """There is none to echo."""
-        del challenge
-        return False
+        """Only a clock that can be uncertain has one."""
+        return isinstance(self._clock, TrustClock) and self._clock.echoes(challenge)
 
     def heard(self, heard: Heard) -> None:
         """Nothing is learned."""

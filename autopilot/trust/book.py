@@ -124,16 +124,21 @@ class TrustBook:
         self._clock.restore_floor(time_floor_ms)
         known = floors.lists.get(held.revocations.key_id)
         if known != found.lists[held.revocations.key_id]:
-            self._record(_list_taken(held.revocations))
+            self._put(_list_taken(held.revocations), _as_it_is)
         if found.root.version != floors.root.version:
-            self._record(_root_taken(held.trust))
+            self._put(_root_taken(held.trust), _as_it_is)
         if found.epoch_id > floors.epoch_id:
-            self._record(_epoch_taken(held.epochs[found.epoch_id]))
+            self._put(_epoch_taken(held.epochs[found.epoch_id]), _as_it_is)
         self._floors = _higher(found, floors)
         if floors.epoch_id > found.epoch_id:
             self._ask("epoch")
         if self._is_behind():
             self._ask("revocations")
+
+    @property
+    def settled(self) -> bool:
+        """Whether everything that was offered to the log is durable and in force."""
+        return not self._waiting
 
     def recorded(self, message: Message) -> None:
         """Put into force what is durable now."""
@@ -263,6 +268,10 @@ class TrustBook:
             kept.erase_epochs(held.folder, frozenset(left))
         except OSError:
             self._counts["epoch: not_erased"] += 1
+
+
+def _as_it_is(held: Identity) -> Identity:
+    return held
 
 
 def _with_epoch(held: Identity, epoch: Epoch) -> Identity:

@@ -28,6 +28,7 @@ from autopilot.trust.clock import Clock
 from autopilot.trust.keys import Random
 from events.schema.flight_pb2 import CLOCK_BOUNDED, CLOCK_TRUSTED, CLOCK_UNSET, ClockQuality
 from events.schema.trust_pb2 import TimeLearned
+from events.schema.waypoint_pb2 import EnvelopeHeader
 
 NS_PER_MS: Final = 1_000_000
 FAR_MS: Final = 1 << 62  # "nothing says so"
@@ -52,6 +53,25 @@ def taken_as_right(clock: Clock) -> Time:
     """Return a clock's time as one that is believed: an operator's computer, a test."""
     now_ms = clock.wall_ns() // NS_PER_MS
     return Time(now_ms, now_ms, now_ms, CLOCK_TRUSTED)
+
+
+def known_time(clock: Clock) -> Time:
+    """Return what a clock knows of the present; one that does not say how far it is to be believed is right."""
+    return clock.time() if isinstance(clock, TrustClock) else taken_as_right(clock)
+
+
+def life_of(header: EnvelopeHeader, time: Time) -> int:
+    """Return what is left of a message's life in ms; by a challenge it is known to be fresh, not how fresh."""
+    if not time.trusted or not header.issued_at_ms:
+        return header.ttl_ms
+    return min(header.ttl_ms, max(0, header.issued_at_ms + header.ttl_ms - time.now_ms))
+
+
+def nonce_life_of(header: EnvelopeHeader, time: Time) -> int:
+    """Return for how many ms a message could pass again: its own life, or that of the challenge it echoes."""
+    if not time.trusted or not header.issued_at_ms:
+        return limits.CHALLENGE_LIFE_MS
+    return header.issued_at_ms + header.ttl_ms + 2 * limits.SKEW_MS - time.now_ms
 
 
 class Beacon(NamedTuple):

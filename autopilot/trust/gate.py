@@ -34,7 +34,7 @@ from autopilot.trust.envelope import (
     sealing_key,
     signature_input,
 )
-from autopilot.trust.freshness import Time
+from autopilot.trust.freshness import Time, life_of, nonce_life_of
 from autopilot.trust.identity import Epoch, Identity
 from autopilot.trust.keys import SealBroken, SignatureInvalid, digest, key_id, verify
 from autopilot.trust.tally import Tally
@@ -209,18 +209,15 @@ class Gate(Generic[T]):
         # 12. Open.
         plaintext = self._opened(header, envelope, epoch)
         # 13. Remember the nonce.
-        now_ms = self._mono_ms()
-        if not self._window.has_room(header.device_key_id, now_ms):
-            _drop("window_full")
-        nonce_life_ms = _nonce_life_ms(header, time)
-        self._window.insert(header.device_key_id, header.nonce, now_ms + nonce_life_ms)
+        nonce_life_ms = nonce_life_of(header, time)
+        self._remember(header, nonce_life_ms)
         return Sealed(
             sender=_sender(token, header.device_key_id),
             key_expr=key_expr,
             nonce=header.nonce,
             issued_at_ms=header.issued_at_ms,
             ttl_ms=header.ttl_ms,
-            life_ms=_life_ms(header, time),
+            life_ms=life_of(header, time),
             nonce_life_ms=nonce_life_ms,
             digest=digest(signed),
             in_reply_to=header.in_reply_to,
@@ -294,6 +291,12 @@ class Gate(Generic[T]):
             _drop("horizon")
         first_ms = header.issued_at_ms + header.ttl_ms - limits.TTL_MS_MAX  # it may be a repeat of one so old
         return not time.trusted or first_ms <= horizon_ms
+
+    def _remember(self, header: EnvelopeHeader, life_ms: int) -> None:
+        now_ms = self._mono_ms()
+        if not self._window.has_room(header.device_key_id, now_ms):
+            _drop("window_full")
+        self._window.insert(header.device_key_id, header.nonce, now_ms + life_ms)
 
     def _mono_ms(self) -> int:
         return self._clock.mono_ns() // NS_PER_MS
@@ -372,20 +375,6 @@ def _epoch(held: Identity, epoch_id: int, time: Time) -> Epoch:
     if epoch.min_revocation_version > held.revocations.version:
         _drop("list_old")
     return epoch
-
-
-def _life_ms(header: EnvelopeHeader, time: Time) -> int:
-    """Return what is left of a message's life; by a challenge it is known to be fresh, not how fresh."""
-    if not time.trusted or not header.issued_at_ms:
-        return header.ttl_ms
-    return min(header.ttl_ms, max(0, header.issued_at_ms + header.ttl_ms - time.now_ms))
-
-
-def _nonce_life_ms(header: EnvelopeHeader, time: Time) -> int:
-    """Return for how long the message could pass again: its own life, or that of the challenge it echoes."""
-    if not time.trusted or not header.issued_at_ms:
-        return limits.CHALLENGE_LIFE_MS
-    return header.issued_at_ms + header.ttl_ms + 2 * limits.SKEW_MS - time.now_ms
 
 
 def _sender(token: IdentityToken, device_key_id: bytes) -> Sender:

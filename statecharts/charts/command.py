@@ -9,7 +9,8 @@ answer: a repeat is told the stored result, a repeat with another body is refuse
 
 It must never perform an order twice. So an order that is found without an outcome at a start of the daemon is not sent
 again: what became of it is unknown, and that is the answer; so it is with an order that may have come before the log of
-then was lost. A list that is overdue still revokes, and allows less the longer it is. An answer that is not known to have left is given again.
+then was lost. An answer that is not known to have left is given again. A revocation list that is overdue still revokes,
+and allows less the longer it is; one that is known to be older than what this node had allows nothing.
 
 Numbers of an order count for its sender's device: an older order that arrives after a newer one must not undo it.
 """
