@@ -93,7 +93,7 @@ class TrustClock:
         self._random = random
         self._lock = threading.RLock()
         self._floor_ms = self._told_floor_ms = floor_ms
-        self._offset_ms = self._least_offset_ms = floor_ms - self._mono_ms()
+        self._offset_ms = self._least_offset_ms = self._highest_offset_ms = floor_ms - self._mono_ms()
         self._quality: ClockQuality.ValueType = CLOCK_UNSET
         self._by = ""  # what the working time rests on
         self._asked: Beacon | None = None
@@ -220,11 +220,14 @@ class TrustClock:
         if not self._by:
             if self._quality == CLOCK_UNSET and host_ms >= self._least_ms() - limits.SKEW_MS:
                 self._offset_ms = max(host_ms, self._least_ms()) - self._mono_ms()
+                self._highest_offset_ms = self._offset_ms
                 self._become(CLOCK_TRUSTED, "host", by="host")
         elif self._by == "host":
             ahead_ms = host_ms - self._working_ms()
-            if -limits.SKEW_MS <= ahead_ms <= limits.CLOCK_JUMP_MS:
+            behind_ms = self._mono_ms() + self._highest_offset_ms - host_ms  # of the furthest that it has been
+            if ahead_ms <= limits.CLOCK_JUMP_MS and behind_ms <= limits.SKEW_MS:
                 self._offset_ms += ahead_ms
+                self._highest_offset_ms = max(self._highest_offset_ms, self._offset_ms)
             else:
                 self._become(CLOCK_BOUNDED, "host", by="jumped")
 
