@@ -6,6 +6,7 @@ Judging documents and time is `autopilot.trust`'s; here is only what joins it to
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,14 +49,15 @@ def believed(session: Session) -> Believed:
 def remembers_all(memory: Believed, keys: Path) -> bool:
     """Say whether everything that this identity ever recorded and that matters yet is remembered.
 
-    A node that starts for the first time has nothing to remember. That it has started once is noted beside its keys.
-    Raises OSError.
+    A node that starts for the first time has nothing to remember. That it has started once is noted beside its keys;
+    where nothing can be written there, a log that is lost can't be told from one that never was.
     """
     mark = keys / RECORDED_FILE
     lost = memory.log_lost or (memory.log_begins and mark.exists())
     if not mark.exists():
-        write_file(mark, b"")
-        sync_folder(keys)
+        with suppress(OSError):
+            write_file(mark, b"")
+            sync_folder(keys)
     return not lost
 
 

@@ -74,6 +74,10 @@ class TrustBook:
         clock.raise_floor(identity.revocations.issued_at_ms, "document")
         clock.raise_floor(identity.token.not_before_ms, "token")
 
+    def ask_through(self, fetch: Fetch) -> None:
+        """Ask for documents here from now on."""
+        self._fetch = fetch
+
     @property
     def held(self) -> Identity:
         """What is in force now: a value that does not change."""

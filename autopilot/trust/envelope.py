@@ -128,12 +128,13 @@ class Packer:
         ttl_ms: int,
         order_seq: int = 0,
         in_reply_to: bytes = b"",
-        challenge: bytes = b"",
+        node_challenge: bytes = b"",
     ) -> Packed:
         """Seal and sign `content` for one key expression.
 
-        `ttl_ms` is the life from now; `challenge` echoes a node whose time is uncertain. Raises PackError
-        without a usable epoch key, and where the message is larger or lives longer than a receiver would take.
+        `ttl_ms` is the life from now; `node_challenge` echoes a node whose time is uncertain. Raises
+        PackError without a usable epoch key, and where the message is larger or lives longer than a
+        receiver would take.
         """
         identity, time = self._believing.held, self._believing.time()
         epoch = identity.current_epoch(time.now_ms, certain=time.trusted)
@@ -166,8 +167,8 @@ class Packer:
             header.issued_at_ms = time.now_ms
         if in_reply_to:
             header.in_reply_to = in_reply_to
-        if challenge:
-            header.node_challenge = challenge
+        if node_challenge:
+            header.node_challenge = node_challenge
         return _sealed(identity, message_type, header, epoch, plaintext)
 
     def _next_seq(self, now_ms: int) -> int:

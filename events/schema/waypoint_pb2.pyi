@@ -881,7 +881,7 @@ class NodeStatus(_message.Message):
     map_objects: _builtins.int
     """Objects on the map."""
     node_challenge: _builtins.bytes
-    """Current challenge, 16 bytes, for senders while this node's time is uncertain."""
+    """Current challenge, 16 bytes, which orders must echo; absent while this node knows the time."""
     revocation_version: _builtins.int
     """Revocation list that the node holds."""
     latitude_e7: _builtins.int

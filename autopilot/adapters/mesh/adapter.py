@@ -145,7 +145,7 @@ class MeshAdapter:
         status.time_quality = time.quality
         if time.earliest_ms > held.revocations.next_update_ms:
             status.revocation_stale = True
-        if self._book is not None:
+        if self._book is not None and not time.trusted:
             status.node_challenge = self._book.challenge()
         self._outbox.status(status)
 
