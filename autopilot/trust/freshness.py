@@ -1,4 +1,4 @@
-"""What a node knows of the time, without a clock that it must believe (docs/envelope.md, time).
+"""What a node knows of the time, without a clock that it must believe (docs/belief.md).
 
 Working time is monotonic time and an offset. How far it is believed is one of three states:
 

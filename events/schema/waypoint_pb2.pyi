@@ -481,7 +481,7 @@ Global___EpochBundle: _TypeAlias = EpochBundle  # noqa: Y015
 
 @_typing.final
 class TimeBeacon(_message.Message):
-    """The time, for whoever asked: true time lies between time_ms and that plus the time of the journey (docs/envelope.md)."""
+    """The time, for whoever asked: true time lies between time_ms and that plus the time of the journey (docs/belief.md)."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
