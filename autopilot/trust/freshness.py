@@ -214,7 +214,7 @@ class TrustClock:
 
     def _hear_host(self) -> None:
         """Follow a host clock that is configured as kept, until it contradicts the floor, or jumps, or goes back."""
-        if not self._host_trusted or self._by == "beacon":
+        if not self._host_trusted:
             return
         host_ms = self._host.wall_ns() // NS_PER_MS
         if not self._by:

@@ -96,12 +96,14 @@ def epoch_secret(epoch_id: int) -> bytes:
     return bytes([epoch_id % 256]) * 32
 
 
-def a_root(version: int, *, key: SignKey | None = None, **rotated: SignKey) -> bytes:
+def a_root(
+    version: int, *, key: SignKey | None = None, deployment_id: str = "coast-watch", **rotated: SignKey
+) -> bytes:
     """Return a TrustRoot of the same root with purpose keys replaced."""
     keys = KEYS | rotated
     body = TrustRoot()
     body.ParseFromString(SignedDoc.FromString((people().wasp.folder / "trust_root").read_bytes()).body)
-    body.version = version
+    body.version, body.deployment_id = version, deployment_id
     del body.keys[:]
     body.keys.extend(PurposeKey(purpose=each, public_key=keys[each].public) for each in documents.PURPOSES)
     return documents.sign(pae.TRUST_ROOT, body, [key or people().directory.root_key])

@@ -90,6 +90,7 @@ def test_a_newer_list_is_kept_recorded_and_in_force(node: Device) -> None:
         ("epoch", a_bundle(2, deployment_id="other"), Offered.MALFORMED),
         ("trust_root", a_root(2, key=OTHER["token"]), Offered.UNSIGNED),
         ("trust_root", people(2).wasp.folder.joinpath("trust_root").read_bytes(), Offered.UNSIGNED),
+        ("trust_root", a_root(2, deployment_id="other"), Offered.FOREIGN),
         ("time", b"\xff" * 100, Offered.MALFORMED),
         ("time", a_beacon(b"c" * 16, NOW_MS, key=KEYS["token"]), Offered.UNSIGNED),
         ("time", a_beacon(b"c" * 16, NOW_MS), Offered.UNASKED),
@@ -169,6 +170,13 @@ def test_epochs_overlap_for_two_minutes_and_then_their_keys_are_gone(node: Devic
     check_offer(node, "epoch", issued, Offered.OLD)
 
 
+def test_the_newest_key_is_kept_also_when_it_is_over(node: Device) -> None:
+    """There is always one; it opens nothing, but says which epoch this node has come to."""
+    node.host.pass_ms(32 * 24 * HOUR_MS)
+    node.book.turn()
+    assert set(node.book.held.epochs) == {1}
+
+
 def test_old_bundles_are_overwritten(node: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     erased: list[str] = []
 
@@ -211,6 +219,7 @@ def test_epochs_only_grow_and_one_id_is_one_key(node: Device) -> None:
 def test_an_epoch_that_needs_a_newer_list_makes_the_book_ask_for_it(node: Device) -> None:
     check_offer(node, "epoch", a_bundle(2, min_revocation_version=2), Offered.TAKEN)
     assert node.asked.take() == ["revocations"]
+    node.host.pass_ms(10_000)
     check_offer(node, "epoch", a_bundle(3), Offered.TAKEN)
     assert node.asked.take() == []
 
