@@ -22,7 +22,7 @@ word of somebody whose signature was verified and who is not revoked.
 from __future__ import annotations
 
 import threading
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
@@ -37,9 +37,10 @@ from autopilot.trust.freshness import Time, TrustClock
 from autopilot.trust.identity import Epoch, Identity
 from autopilot.trust.judging import NONE, Floors, Known, Refused, judge_epoch, judge_revocations, judge_root
 from autopilot.trust.keys import key_id
-from events.schema.trust_pb2 import EpochTaken, RevocationsTaken, RootTaken, TrustAlarm
+from events.schema.trust_pb2 import EpochTaken, RevocationsTaken, RootTaken, TimeLearned, TrustAlarm
 
 Change = Callable[[Identity], Identity]
+NEWS_HELD: Final = 64  # what was learned of the time and the log did not take yet; the oldest goes
 EPOCHS_HELD: Final = 3  # the one before, the one in use, the next
 _BEACON_FAULTS: Final = {"unasked": Offered.UNASKED, "late": Offered.UNASKED, "rollback": Offered.ROLLBACK}
 
@@ -69,6 +70,7 @@ class TrustBook:
         self._asked_ns: dict[What, int] = {}
         self._alarmed: tuple[int, bytes] | None = None  # when, and of what
         self._counts: Counter[str] = Counter()
+        self._owed: deque[TimeLearned] = deque(maxlen=NEWS_HELD)
         self._offering = threading.Lock()
         self._lock = threading.Lock()
         clock.raise_floor(identity.revocations.issued_at_ms, "document")
@@ -171,8 +173,9 @@ class TrustBook:
             self._ask("revocations")
         with self._offering:
             self._let_go_of_epochs()
-        for learned in self._clock.news():
-            self._record(learned)
+        self._owed.extend(self._clock.news())
+        while self._owed and self._record(self._owed[0]):
+            self._owed.popleft()
 
     def _take_revocations(self, data: bytes) -> Offered:
         judged = judge_revocations(data, self._held, self._floors)

@@ -34,8 +34,12 @@ def test_the_newest_status_of_a_node_without_time_is_the_one_that_came_last(tmp_
     sure = Fixed(people().wasp, FakeClock())
     issuer = Issuer(people().alice, clock=FakeClock(), wire=FakeWire(), random=seeded(6))
     issuer.watch("wasp-01")
-    steps: tuple[tuple[Believing, int], ...]
-    steps = ((sure, NOW_MS), (lost, NOW_MS - HOUR_MS), (lost, NOW_MS - 2 * HOUR_MS), (sure, NOW_MS - 3 * HOUR_MS))
+    steps: list[tuple[Believing, int]] = [
+        (sure, NOW_MS),
+        (lost, NOW_MS - HOUR_MS),
+        (lost, NOW_MS - 2 * HOUR_MS),
+        (sure, NOW_MS - 3 * HOUR_MS),
+    ]
     for seed, (believing, at_ms) in enumerate(steps, start=1):
         issuer.receive_status(KEY, status(believing, at_ms, seed))
         check_seen(issuer, seed)

@@ -177,6 +177,15 @@ def test_the_newest_key_is_kept_also_when_it_is_over(node: Device) -> None:
     assert set(node.book.held.epochs) == {1}
 
 
+def test_a_node_without_time_always_has_a_key_to_answer_with(node: Device) -> None:
+    """Unless the list says that none is left."""
+    held = node.book.held
+    assert held.current_epoch(0) is None
+    assert held.current_epoch(0, certain=False) == held.epochs[1]
+    node.book.offer("revocations", a_list(2, min_epoch_id=2))
+    assert node.book.held.current_epoch(0, certain=False) is None
+
+
 def test_old_bundles_are_overwritten(node: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     erased: list[str] = []
 
@@ -286,6 +295,15 @@ def test_an_uncertain_time_is_asked_for_and_learned(tmp_path: Path) -> None:
     node.book.turn()
     assert [each.source for each in node.log.told if isinstance(each, TimeLearned)] == ["document", "beacon"]
     assert node.book.offer("time", a_beacon(challenge, NOW_MS + HOUR_MS)) is Offered.UNASKED
+
+
+def test_what_was_learned_of_the_time_is_told_when_the_log_takes_it(node: Device) -> None:
+    node.log.refuses = True
+    node.book.turn()
+    node.log.refuses = False
+    node.book.turn()
+    node.book.turn()
+    assert [each.source for each in node.log.told if isinstance(each, TimeLearned)] == ["host", "document"]
 
 
 def test_a_beacon_that_contradicts_what_was_signed_is_an_alarm(tmp_path: Path) -> None:

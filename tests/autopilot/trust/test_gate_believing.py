@@ -259,6 +259,8 @@ def test_without_memory_and_clock_an_echo_may_still_be_a_repeat(lost: Device) ->
     gate = gate_of(lost)
     gate.restore([], whole=False)
     assert check_opens(echoing(lost.book.challenge()), gate).message.before_memory
+    ahead = echoing(lost.book.challenge(), seq=3, issued_at_ms=NOW_MS + HOUR_MS)
+    assert check_opens(ahead, gate).message.before_memory
     lost.host.mono_ms += HORIZON_MS + 1
     assert not check_opens(echoing(lost.book.challenge(), seq=2), gate).message.before_memory
 
@@ -285,6 +287,9 @@ def test_a_node_that_does_not_know_the_time_says_so_by_none(lost: Device) -> Non
     opened = check_opens(packed.envelope, gate, key)
     assert (opened.message.issued_at_ms, opened.message.life_ms) == (0, 10_000)
     check_reject("replay", packed.envelope, gate, key)
+    dated = Packer(people().wasp, HostClocks(wall_ms=NOW_MS - HOUR_MS), seeded(9))
+    old = dated.pack(MessageType.STATUS, key, b"said", ttl_ms=10_000)
+    check_reject("clock_stale", old.envelope, gate, key)
     check_reject("clock_stale", replace(GOOD, issued_at_ms=NOW_MS - HOUR_MS).envelope(), gate_of(device(lost.folder)))
 
 
