@@ -269,7 +269,7 @@ def test_a_node_that_does_not_know_the_time_says_so_by_none(lost: Device) -> Non
     """Its answers and status bear none; only a gate that is told to takes such, and no node's order gate is."""
     key = "waypoint/global/status/wasp-01"
     packer = Packer(people().wasp, lost.host, seeded(8), lost.book)
-    packed = packer.pack(MessageType.STATUS, key, b"said", ttl_ms=10_000)
+    packed, host = packer.pack(MessageType.STATUS, key, b"said", ttl_ms=10_000), HostClocks()
 
     def status_gate(*, takes_undated: bool) -> Gate[bytes]:
         return Gate(
@@ -278,7 +278,7 @@ def test_a_node_that_does_not_know_the_time_says_so_by_none(lost: Device) -> Non
             kinds=frozenset({PrincipalKind.NODE}),
             is_ours=lambda _key: True,
             reader=_content,
-            clock=HostClocks(),
+            clock=host,
             takes_undated=takes_undated,
         )
 
@@ -287,9 +287,9 @@ def test_a_node_that_does_not_know_the_time_says_so_by_none(lost: Device) -> Non
     opened = check_opens(packed.envelope, gate, key)
     assert (opened.message.issued_at_ms, opened.message.life_ms) == (0, 10_000)
     check_reject("replay", packed.envelope, gate, key)
-    dated = Packer(people().wasp, HostClocks(wall_ms=NOW_MS - HOUR_MS), seeded(9))
-    old = dated.pack(MessageType.STATUS, key, b"said", ttl_ms=10_000)
-    check_reject("clock_stale", old.envelope, gate, key)
+    dated = Packer(people().wasp, HostClocks(), seeded(9)).pack(MessageType.STATUS, key, b"said", ttl_ms=10_000)
+    host.pass_ms(HOUR_MS)
+    check_reject("clock_stale", dated.envelope, gate, key)
     check_reject("clock_stale", replace(GOOD, issued_at_ms=NOW_MS - HOUR_MS).envelope(), gate_of(device(lost.folder)))
 
 
