@@ -13,9 +13,26 @@ from types import ModuleType
 
 from google.protobuf.message import Message
 
-from events.schema import common_pb2, eyes_pb2, findings_pb2, flight_pb2, options_pb2, orders_pb2, vehicle_pb2
+from events.schema import (
+    common_pb2,
+    eyes_pb2,
+    findings_pb2,
+    flight_pb2,
+    options_pb2,
+    orders_pb2,
+    trust_pb2,
+    vehicle_pb2,
+)
 
-FAMILIES: tuple[ModuleType, ...] = (common_pb2, flight_pb2, orders_pb2, vehicle_pb2, eyes_pb2, findings_pb2)
+FAMILIES: tuple[ModuleType, ...] = (
+    common_pb2,
+    flight_pb2,
+    orders_pb2,
+    vehicle_pb2,
+    eyes_pb2,
+    findings_pb2,
+    trust_pb2,
+)
 
 
 class UnknownKind(LookupError):

@@ -21,7 +21,9 @@ from events.schema.findings_pb2 import (
     SightingMuted,
     SightingsClassified,
 )
+from events.schema.flight_pb2 import CLOCK_BOUNDED, CLOCK_TRUSTED, CLOCK_UNSET
 from events.schema.orders_pb2 import AckPublished, OrderMalformed, OrderReceived, SendAck
+from events.schema.trust_pb2 import TimeLearned, TrustAlarm
 from events.schema.vehicle_pb2 import (
     CommandAnswered,
     CommandUnanswered,
@@ -223,6 +225,16 @@ def _muted(one: SightingMuted) -> str:
     return f"object {one.object} lies where finding {one.poi_id} was declined"
 
 
+def _alarm(one: TrustAlarm) -> str:
+    return f"ALARM: {one.what} of {one.document}: {one.offered_version} was offered, {one.held_version} is held"
+
+
+def _time(one: TimeLearned) -> str:
+    before, after = (_QUALITY[quality] for quality in (one.from_quality, one.to_quality))
+    return f"time is {after}, was {before}, by {one.source}; floor {one.floor_ms}"
+
+
+_QUALITY = {CLOCK_UNSET: "unset", CLOCK_BOUNDED: "bounded", CLOCK_TRUSTED: "trusted"}
 _WORDS: dict[str, Callable[[Any], str]] = {
     "flight_opened": _opened,
     "baseline_carried": _carried,
@@ -263,5 +275,10 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "camera_taken": _taken,
     "poi_joined": _joined,
     "sighting_muted": _muted,
+    "revocations_taken": lambda one: f"revocation list {one.list_version} of key {one.key_id.hex()[:8]}",
+    "epoch_taken": lambda one: f"group key of epoch {one.epoch_id}",
+    "root_taken": lambda one: f"TrustRoot {one.root_version}; lists are signed by key {one.revoke_key_id.hex()[:8]}",
+    "trust_alarm": _alarm,
+    "time_learned": _time,
     "poi_left": lambda one: f"object {one.object} has moved away from finding {one.poi_id}",
 }

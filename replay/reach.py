@@ -16,7 +16,18 @@ from statecharts.part import Part
 
 # Kinds that are not named here change nothing. The manifest is never removed.
 MAY_WRITE: dict[str, tuple[str, ...]] = {
-    "baseline_carried": ("orders", "owed_acks", "nonces", "order_seqs", "objects", "grid", "ignored", "origin"),
+    "baseline_carried": (
+        "orders",
+        "owed_acks",
+        "nonces",
+        "order_seqs",
+        "objects",
+        "grid",
+        "ignored",
+        "origin",
+        "lists",
+        "trusted",
+    ),
     "node_started": ("vehicles",),
     "origin_set": ("origin",),
     "step_failed": ("failures",),
@@ -40,6 +51,10 @@ MAY_WRITE: dict[str, tuple[str, ...]] = {
     "sighting_muted": ("objects", "ignored"),
     "item_ignored": ("ignored",),
     "camera_taken": ("cameras",),
+    "revocations_taken": ("lists", "trusted"),
+    "root_taken": ("trusted",),
+    "epoch_taken": ("trusted",),
+    "time_learned": ("trusted",),
 }
 # A move writes what its chart keeps.
 MOVE_WRITES: dict[str, tuple[str, ...]] = {

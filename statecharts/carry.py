@@ -8,6 +8,7 @@ from __future__ import annotations
 from events.schema.state_pb2 import (
     CarriedAck,
     CarriedIgnored,
+    CarriedList,
     CarriedNonce,
     CarriedObject,
     CarriedOrder,
@@ -54,9 +55,19 @@ def carry_over(state: State, now_ns: int) -> CarriedState:
         ],
         unanswered=[_owed(order) for key, order in state.orders.items() if _is_owed(state, key, order)],
     )
+    _carry_trust(state, carried)
     if state.origin.value is not None:
         carried.origin.CopyFrom(state.origin.value.place)
     return carried
+
+
+def _carry_trust(state: State, carried: CarriedState) -> None:
+    trusted = state.trusted.value
+    for key, (version, digest) in state.lists.items():
+        carried.lists.append(CarriedList(key_id=key, list_version=version, digest=digest))
+    carried.epoch_id, carried.root_version = trusted.epoch_id, trusted.root_version
+    carried.time_floor_ms = trusted.time_floor_ms
+    carried.list_behind, carried.root_behind = trusted.list_behind, trusted.root_behind
 
 
 def _order(order: Order, now_ns: int) -> CarriedOrder:

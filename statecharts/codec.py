@@ -35,6 +35,7 @@ from statecharts.facts import (
     Poi,
     Scan,
     Spot,
+    Trusted,
     Vehicle,
 )
 from statecharts.state import State
@@ -86,6 +87,7 @@ COLUMNS: tuple[Column, ...] = (
     _single("frame", _Frame | None),
     _single("health", str),
     Column("ignored", str, Ignored),
+    Column("lists", bytes, tuple[int, bytes]),
     _single("manifest", Manifest | None),
     _single("next_seq", int),
     Column("nonces", tuple[bytes, bytes], int),
@@ -98,6 +100,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("pois", str, Poi),
     Column("scans", str, Scan),
     _single("surfacings", tuple[int, ...]),
+    _single("trusted", Trusted),
     Column("vehicles", int, Vehicle),
 )
 DERIVED = ("grid",)

@@ -63,6 +63,9 @@ class Arrival:
     in_reply_to: bytes
     known: bool  # an order of this issuer and id was there before
     replayed: bool  # its nonce was there before
+    overdue_ms: int  # how long the revocation list had been overdue
+    time_uncertain: bool  # it was fresh by the node's challenge, for the time was not known
+    before_memory: bool  # it may have been sent before a start that remembers nothing
     order_seq: int
     newest_seq: int  # the device's highest before this one
 
@@ -108,6 +111,16 @@ class Camera(NamedTuple):
     callsign: str = ""
     command_id: str = ""
     until_ns: int = 0
+
+
+class Trusted(NamedTuple):
+    """What the node's shell goes by, as far as the log has it."""
+
+    list_behind: bool = False  # the list that is held is not the newest that was taken
+    root_behind: bool = False  # the same of the TrustRoot
+    root_version: int = 0  # highest that was taken
+    epoch_id: int = 0  # highest that was taken
+    time_floor_ms: int = 0  # milliseconds since 1970
 
 
 class Aim(NamedTuple):

@@ -15,6 +15,7 @@ from statecharts.facts import (
     Poi,
     Scan,
     Spot,
+    Trusted,
     Vehicle,
 )
 from statecharts.journal import Journal, Keyed, Single
@@ -36,6 +37,7 @@ class State:
         "health",
         "ignored",
         "journal",
+        "lists",
         "manifest",
         "next_seq",
         "nonces",
@@ -48,6 +50,7 @@ class State:
         "pois",
         "scans",
         "surfacings",
+        "trusted",
         "vehicles",
     )
 
@@ -65,6 +68,8 @@ class State:
         self.forgot_ns: Single[int] = Single(journal, 0)  # when old orders and nonces were last looked for
         self.effects: Keyed[int, Effect] = Keyed(journal)  # seq of the effect
         self.owed_acks: Keyed[int, str] = Keyed(journal)  # seq of the send_ack: order key
+        self.trusted: Single[Trusted] = Single(journal, Trusted())
+        self.lists: Keyed[bytes, tuple[int, bytes]] = Keyed(journal)  # Directory's key id: version, digest; the newest
         self.cameras: Keyed[str, Camera] = Keyed(journal)  # camera key
         self.aims: Keyed[str, Aim] = Keyed(journal)  # gimbal key
         self.vehicles: Keyed[int, Vehicle] = Keyed(journal)  # vehicle number

@@ -213,6 +213,8 @@ def limits(**changes: Any) -> Limits:
         "failure_window_ms": 60_000,
         "sightings_to_ask": 3,
         "own_command_life_ms": 5_000,
+        "overdue_camera_ms": 259_200_000,
+        "overdue_flight_ms": 3_600_000,
     }
     return Limits(**(values | changes))
 

@@ -30,6 +30,7 @@ from events.schema.findings_pb2 import (
 )
 from events.schema.flight_pb2 import NodeStarted, StepFailed, TimePassed
 from events.schema.orders_pb2 import AckResult, OrderReceived, SendAck
+from events.schema.trust_pb2 import EpochTaken, RevocationsTaken, RootTaken, TimeLearned
 from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing, VehicleLinkChanged
 from tests import flights
 from tests.flights import FLIGHT_ID, NS_PER_MS, Flight
@@ -68,6 +69,10 @@ class Story:
             "answered": lambda plain, _: flights.answered(self._effect(plain), int(plain[1])),
             "unanswered": lambda plain, _: flights.unanswered(self._effect(plain), because=" ".join(plain[1:])),
             "published": self._published,
+            "list": _list,
+            "root": lambda plain, _: RootTaken(root_version=int(plain[0])),
+            "epoch": lambda plain, _: EpochTaken(epoch_id=int(plain[0])),
+            "floor": lambda plain, _: TimeLearned(floor_ms=int(plain[0])),
             "gimbal": self._gimbal,
             "frame": self._frame,
             "vehicle": lambda plain, _: VehicleLinkChanged(vehicle=1, up=plain[0] == "up"),
@@ -101,6 +106,9 @@ class Story:
             values["target_public_key"] = named["target"].encode() * 8
         if "life" in named:
             values["life_ms"] = int(named["life"])
+        if "overdue" in named:
+            values["revocation_overdue_ms"] = int(named["overdue"])
+        values |= {flag: True for flag in ("time_uncertain", "before_memory") if flag in about}
         if "nonce" in named:
             values["nonce"] = named["nonce"].encode() * 3
         order = self._asked(name, verb, about, named, values)
@@ -168,6 +176,12 @@ class Story:
         if plain:
             started.outage_unbounded = " ".join(plain)
         return started
+
+
+def _list(plain: list[str], named: dict[str, str]) -> RevocationsTaken:
+    """Read "12 key=k body=b": a revocation list of this version is in force."""
+    key, body = (named.get(what, "-").encode() for what in ("key", "body"))
+    return RevocationsTaken(list_version=int(plain[0]), key_id=key * 16, digest=body * 32)
 
 
 def _detection(word: str) -> Detection:

@@ -19,6 +19,7 @@ from events.schema import (
     options_pb2,
     orders_pb2,
     state_pb2,
+    trust_pb2,
     vehicle_pb2,
     waypoint_pb2,
 )
@@ -27,7 +28,7 @@ from tests.house import REPO
 
 SCHEMAS = (
     *(common_pb2, eyes_pb2, findings_pb2, flight_pb2, options_pb2),
-    *(orders_pb2, state_pb2, vehicle_pb2, waypoint_pb2),
+    *(orders_pb2, state_pb2, trust_pb2, vehicle_pb2, waypoint_pb2),
 )
 BY_NUMBER = {
     value: name.removeprefix("TYPE_").lower()

@@ -33,6 +33,7 @@ UNITS = ("_e7", "_e4", "_mm", "_cdeg", "_ns", "_us", "_ms", "_s", "_mhz", "_mps"
 UNITS_INSIDE = ("_mm_s", "_cdeg_s")
 WHOLE_NUMBERS = {  # ids, numbers that others assign, and counts: they have no unit
     *("vehicle", "camera", "gimbal", "object", "number", "detection", "start", "logic", "version", "flight_number"),
+    *("list_version", "root_version", "held_version", "offered_version", "epoch_id"),
     *("system_id", "autopilot", "vehicle_type", "custom_mode", "mav_result", "h3_cell"),
     *(
         "count",

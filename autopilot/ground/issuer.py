@@ -42,6 +42,7 @@ class SeenStatus:
     node: str
     status: NodeStatus
     received_mono_ns: int
+    undated: bool = False  # the node's time was uncertain
 
 
 class Issuer:
@@ -81,6 +82,7 @@ class Issuer:
             is_ours=self._is_watched_ack,
             reader=read_ack,
             clock=self._clock,
+            takes_undated=True,  # an ack names the envelope it answers
         )
         self._status_gate: Gate[NodeStatus] = Gate(
             identity,
@@ -89,6 +91,7 @@ class Issuer:
             is_ours=lambda key_expr: status_node(key_expr) in self._watched,
             reader=read_status,
             clock=self._clock,
+            takes_undated=True,  # it holds the challenge without which such a node takes no order
         )
 
     def start(self) -> None:
@@ -230,8 +233,9 @@ class Issuer:
             if wrong:
                 self._complaints[node] = wrong
             before = self._statuses.get(node)
-            if before is None or before.status.at_ms <= verdict.value.at_ms:
-                self._statuses[node] = SeenStatus(node, verdict.value, self._clock.mono_ns())
+            undated = not verdict.message.issued_at_ms  # then its at_ms may go back, and forth again
+            if before is None or undated or before.undated or before.status.at_ms <= verdict.value.at_ms:
+                self._statuses[node] = SeenStatus(node, verdict.value, self._clock.mono_ns(), undated)
                 self._node_keys[node] = sender.public_key
             self._ledger.changed.notify_all()
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from autopilot.node.joining import Reading
 from autopilot.ports.edges import Clock
+from autopilot.trust.freshness import known_time
 from events.records import Moment
-from events.schema.flight_pb2 import CLOCK_TRUSTED
 
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
@@ -18,8 +18,8 @@ def boot_id() -> str:
 
 
 def read_clocks(clock: Clock) -> Reading:
-    """Read a computer's clocks. The host's wall clock counts as trusted."""
-    return Reading(clock.mono_ns(), clock.wall_ns(), CLOCK_TRUSTED)
+    """Read a computer's clocks. A clock that does not say how far it is to be believed counts as trusted."""
+    return Reading(clock.mono_ns(), clock.wall_ns(), known_time(clock).quality)
 
 
 class FlightClock:

@@ -33,14 +33,18 @@ from autopilot.node.projecting import Projecting
 from autopilot.node.proving import Prover
 from autopilot.node.restoring import Keeper
 from autopilot.node.sealing import Sealer
+from autopilot.node.trusting import keep_up, put_into_force, remembers_all, settle
 from autopilot.node.upkeep import Rejections, publish_status, record_rejections, report_rejections
 from autopilot.node.verdicts import Verdicts
 from autopilot.ports.config import Config
+from autopilot.ports.edges import InputClass
+from autopilot.trust.book import TrustBook
 from autopilot.trust.clock import HostClock
+from autopilot.trust.freshness import TrustClock
 from autopilot.trust.identity import Identity, IdentityError, load_identity
 from autopilot.trust.keys import SecretFileError
 from events.kinds import UnknownKind
-from events.records import BodyBroken
+from events.records import BodyBroken, Record
 from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED, Model
 from events.store import StoreFailed
 
@@ -60,7 +64,7 @@ class Daemon:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._clock = HostClock()
+        self._clock = TrustClock(HostClock(), host_trusted=config.clock.trusted)
         self._origin = Origin()
         self._inbox = Inbox(config.limits, self._clock)
         self._board = Board(lambda: self._clock.wall_ns() // 1_000_000)
@@ -71,7 +75,7 @@ class Daemon:
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, self._asked_to_stop.set)
         try:
-            identity = load_identity(self._config.node.keys, self._clock.wall_ns() // 1_000_000)
+            identity = load_identity(self._config.node.keys, self._clock.time().earliest_ms)
             return await self._live(identity)
         except IdentityError as error:
             loose = isinstance(error.__cause__, SecretFileError)
@@ -112,6 +116,7 @@ class Daemon:
         ready: asyncio.Future[Remembered] = asyncio_loop.create_future()
         self._board.attend(asyncio_loop)
         edges: Edges
+        book = TrustBook(identity, self._clock, record=lambda learned: self._inbox.offer(InputClass.OUTCOME, learned))
         loop = NodeLoop(
             self._flights(identity),
             self._inbox,
@@ -119,7 +124,7 @@ class Daemon:
             self._config.limits,
             close_after_s=self._config.flight.close_after_s,
             on_session=lambda session: self._opened(session, asyncio_loop, ready),
-            on_records=self._board.hear,
+            on_records=lambda records: self._heard(book, records),
             perform=lambda record: _call(asyncio_loop, lambda: edges.perform(record)),
             on_end=lambda: _call(asyncio_loop, over.set),
         )
@@ -128,6 +133,7 @@ class Daemon:
             *(self._config, identity, self._clock, self._inbox, self._origin, lambda: self._is_well(loop)),
             proving=prover,
             judge=self._board.judge_cosignature,
+            book=book,
         )
         prover.start()
         loop.start()
@@ -138,10 +144,15 @@ class Daemon:
             if ready.done():
                 await refusing.stop()
                 refusing.over()
-                await self._serve(loop, edges, over, ready.result(), identity)
+                await self._serve(loop, edges, over, ready.result(), book)
         finally:
             prover.stop()
         return _exit_code(loop, edges.eyes.refusal)
+
+    def _heard(self, book: TrustBook, records: tuple[Record, ...]) -> None:
+        """Take in what is durable. On the node's thread."""
+        put_into_force(book, records)
+        self._board.hear(records)
 
     def _opened(
         self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Future[Remembered]
@@ -154,21 +165,25 @@ class Daemon:
         _call(asyncio_loop, lambda: _settle(ready, memory))
 
     async def _serve(
-        self, loop: NodeLoop, edges: Edges, over: asyncio.Event, memory: Remembered, identity: Identity
+        self, loop: NodeLoop, edges: Edges, over: asyncio.Event, memory: Remembered, book: TrustBook
     ) -> None:
         """Run the adapters around a loop that records, and end both."""
-        resume(self._config, memory, edges, self._inbox, self._origin)
+        book.resume(memory.believed.floors, memory.believed.time_floor_ms)
+        whole = remembers_all(memory.believed, Path(self._config.node.keys))
+        resume(self._config, memory, edges, self._inbox, self._origin, whole=whole)
         projecting = Projecting(Path(self._config.node.projections), self._board)
         rejections = Rejections(edges)
-        verdicts = Verdicts(Path(self._config.node.flights), identity, version("autopilot"), self._board)
+        verdicts = Verdicts(Path(self._config.node.flights), book.held, version("autopilot"), self._board)
         tasks = [
             asyncio.create_task(_kept_up(lambda: publish_status(self._config.mesh, edges, self._board))),
             asyncio.create_task(_kept_up(lambda: record_rejections(rejections, self._inbox))),
             asyncio.create_task(_kept_up(projecting.run)),
+            asyncio.create_task(_kept_up(lambda: keep_up(book))),
             asyncio.create_task(_kept_up(verdicts.run)),
             asyncio.create_task(_kept_up(self._retention().run)),
         ]
         try:
+            await settle(book, over)
             await _start(edges)
             print(f"autopilot: recording in {self._board.session.flight.folder}", file=sys.stderr, flush=True)
             await _first(self._asked_to_stop.wait(), self._input_ended(edges), over.wait())

@@ -16,8 +16,10 @@ from autopilot.adapters.vehicle import VehicleLink
 from autopilot.geo import LocalFrame, Origin
 from autopilot.node.flights import Session
 from autopilot.node.inbox import Inbox
+from autopilot.node.trusting import Believed, believed
 from autopilot.ports.config import Config
 from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Performer, Proving
+from autopilot.trust.book import TrustBook
 from autopilot.trust.identity import Identity
 from events.records import Record
 from events.schema.common_pb2 import Place
@@ -68,11 +70,14 @@ def make_edges(
     healthy: Callable[[], bool],
     proving: Proving | None = None,
     judge: CosignatureJudge | None = None,
+    book: TrustBook | None = None,
 ) -> Edges:
     """Make the adapters; nothing starts yet."""
     mesh = vehicle = None
     if config.mesh.connect or config.mesh.listen:
-        mesh = MeshAdapter(config.mesh, identity, clock, origin.place_e7, inbox.offer, proving=proving, judge=judge)
+        mesh = MeshAdapter(
+            config.mesh, identity, clock, origin.place_e7, inbox.offer, proving=proving, judge=judge, book=book
+        )
     if config.vehicle.connect or config.vehicle.listen:
         vehicle = VehicleLink(
             config.vehicle,
@@ -103,6 +108,7 @@ class Remembered:
 
     origin: Place | None
     window: tuple[tuple[bytes, bytes, int], ...]  # device key id, nonce, milliseconds to remember it
+    believed: Believed
 
 
 def remembered(session: Session) -> Remembered:
@@ -112,18 +118,23 @@ def remembered(session: Session) -> Remembered:
     window = tuple(
         (device, nonce, (until_ns - now_ns) // NS_PER_MS + 1) for (device, nonce), until_ns in state.nonces.items()
     )
-    return Remembered(None if known is None else known.place, window)
+    return Remembered(None if known is None else known.place, window, believed(session))
 
 
-def resume(config: Config, memory: Remembered, edges: Edges, inbox: Inbox, origin: Origin) -> None:
-    """Give the adapters what the log remembers: the origin, and the replay window of the gate."""
+def resume(
+    config: Config, memory: Remembered, edges: Edges, inbox: Inbox, origin: Origin, *, whole: bool = True
+) -> None:
+    """Give the adapters what the log remembers: the origin, and the replay window of the gate.
+
+    `whole` says whether it remembers all, or a part of the log is lost.
+    """
     place = memory.origin
     if place is not None:
         origin.set(place.latitude_e7 / 1e7, place.longitude_e7 / 1e7, place.altitude_mm / 1000)
     elif (configured := _configured_origin(config)) is not None:
         set_origin(origin, inbox, configured, "configured")
     if edges.mesh is not None:
-        edges.mesh.restore_window(memory.window)
+        edges.mesh.restore_window(memory.window, whole=whole)
 
 
 def set_origin(origin: Origin, inbox: Inbox, position: tuple[float, float, float], source: str) -> None:

@@ -56,6 +56,8 @@ def _limits(config: Config) -> Limits:
         failures_to_safe_mode=limits.failures_to_safe_mode,
         failure_window_ms=_thousandths(limits.failure_window_s),
         sightings_to_ask=find.sightings_to_ask,
+        overdue_camera_ms=_thousandths(command.overdue_camera_h * 3600),
+        overdue_flight_ms=_thousandths(command.overdue_flight_h * 3600),
         own_command_life_ms=_thousandths(limits.own_command_life_s),
     )
 

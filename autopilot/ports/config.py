@@ -35,7 +35,22 @@ class CommandSection(Section):
     enabled: bool = Field(False, description="False: every order is answered ACK_UNSUPPORTED.")
     camera_roles: tuple[str, ...] = Field((), description="Roles that may point the camera. Empty: nobody.")
     operator_hold_s: float = Field(60, gt=0, le=3600, description="An operator keeps the camera this long.")
+    overdue_camera_h: float = Field(
+        72, ge=0, le=8760, description="The camera may be ordered while the revocation list is overdue by this."
+    )
+    overdue_flight_h: float = Field(
+        1, ge=0, le=8760, description="Anything else may be ordered while the list is overdue by this: it moves more."
+    )
     release_pause_s: float = Field(3, ge=0, le=600, description="A released camera rests this long.")
+
+
+class ClockSection(Section):
+    """What tells the time. Signed beacons of the Directory always do."""
+
+    trusted: bool = Field(
+        True,
+        description="The host's clock is kept (RTC, NTP): believed until it contradicts a signed document or jumps.",
+    )
 
 
 class MeshSection(Section):
@@ -227,6 +242,7 @@ class Config(Section):
     schema_version: Literal[1] = Field(1, description="Version of this file's form.")
     node: NodeSection
     command: CommandSection = CommandSection()
+    clock: ClockSection = ClockSection()
     mesh: MeshSection = MeshSection()
     vehicle: VehicleSection = VehicleSection()
     eyes: EyesSection = EyesSection()

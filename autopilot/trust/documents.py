@@ -1,7 +1,7 @@
 """Signed documents: what the root and the Directory say, parsed strictly and verified.
 
-Four documents, each under its own purpose key and its own context string: TrustRoot,
-IdentityToken, RevocationList, EpochBundle. The signed bytes are kept and never made again from
+Five documents, each under its own purpose key and its own context string: TrustRoot,
+IdentityToken, RevocationList, EpochBundle, TimeBeacon. The signed bytes are kept and never made again from
 the parsed form (DSSE: do not re-parse after verification). No file is read here.
 """
 
@@ -16,8 +16,17 @@ from typing import TypeVar
 from google.protobuf.message import DecodeError, Message
 
 from autopilot.trust import limits
-from autopilot.trust.keys import SignatureInvalid, SignKey, key_id, verify
-from autopilot.trust.pae import EPOCH_BUNDLE, EPOCH_COMMITMENT, IDENTITY_TOKEN, REVOCATION_LIST, TRUST_ROOT, le64, pae
+from autopilot.trust.keys import SignatureInvalid, SignKey, digest, key_id, verify
+from autopilot.trust.pae import (
+    EPOCH_BUNDLE,
+    EPOCH_COMMITMENT,
+    IDENTITY_TOKEN,
+    REVOCATION_LIST,
+    TIME_BEACON,
+    TRUST_ROOT,
+    le64,
+    pae,
+)
 from events.schema.waypoint_pb2 import (
     EpochBundle,
     IdentityToken,
@@ -25,6 +34,7 @@ from events.schema.waypoint_pb2 import (
     RevocationList,
     Sig,
     SignedDoc,
+    TimeBeacon,
     TrustRoot,
 )
 
@@ -128,6 +138,9 @@ class Trust:
     version: int
     expires_ms: int
     keys: Mapping[str, bytes]
+    root_keys: tuple[bytes, ...]
+    threshold: int
+    digest: bytes  # BLAKE2b-256 of the signed body
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +148,9 @@ class Revocations:
     """A verified revocation list, ready for look-up."""
 
     version: int
+    key_id: bytes  # of the key that signed it: versions are counted for each key apart
+    digest: bytes  # BLAKE2b-256 of the signed body: two lists of one version are told apart by it
+    issued_at_ms: int
     next_update_ms: int
     principals: frozenset[str]
     device_key_ids: frozenset[bytes]
@@ -160,7 +176,8 @@ def verify_trust_root(data: bytes) -> Trust:
     root_keys = list(claimed.root_keys)
     if len(set(root_keys)) != len(root_keys) or not all(_is_key(key) for key in root_keys):
         raise DocumentMalformed("TrustRoot: root_keys: must be different 32-byte keys")
-    root = parse(TrustRoot, verified_body(TRUST_ROOT, data, root_keys, claimed.threshold))
+    signed = verified_body(TRUST_ROOT, data, root_keys, claimed.threshold)
+    root = parse(TrustRoot, signed)
     keys = {entry.purpose: entry.public_key for entry in root.keys}
     _require(root.v == 1, "TrustRoot: v: only version 1 is known")
     _require(is_name(root.deployment_id), "TrustRoot: deployment_id: must be [a-z0-9-], 1 to 64 characters")
@@ -171,7 +188,9 @@ def verify_trust_root(data: bytes) -> Trust:
     _require(all(_is_key(key) for key in keys.values()), "TrustRoot: keys: must be 32-byte keys")
     _require(not set(keys.values()) & set(root_keys), "TrustRoot: keys: a root key must serve no other purpose")
     _require(len(set(keys.values())) == len(PURPOSES), "TrustRoot: keys: purposes must not share a key")
-    return Trust(root.deployment_id, root.version, root.expires_ms, keys)
+    return Trust(
+        root.deployment_id, root.version, root.expires_ms, keys, tuple(root_keys), root.threshold, digest(signed)
+    )
 
 
 def verify_token(data: bytes, trust: Trust) -> IdentityToken:
@@ -202,7 +221,8 @@ def check_token(token: IdentityToken) -> None:
 
 def verify_revocations(data: bytes, trust: Trust) -> Revocations:
     """Verify a RevocationList. Raises DocumentError."""
-    body = parse(RevocationList, verified_body(REVOCATION_LIST, data, [trust.keys["revoke"]]))
+    signed = verified_body(REVOCATION_LIST, data, [trust.keys["revoke"]])
+    body = parse(RevocationList, signed)
     entries = [list(body.principals), _hexed(body.device_key_ids), _hexed(body.token_ids)]
     _require(body.v == 1, "RevocationList: v: only version 1 is known")
     _require(body.deployment_id == trust.deployment_id, "RevocationList: deployment_id: is another deployment's")
@@ -213,6 +233,9 @@ def verify_revocations(data: bytes, trust: Trust) -> Revocations:
     _require(ordered, "RevocationList: entries: must be sorted and unique")
     return Revocations(
         version=body.version,
+        key_id=key_id(trust.keys["revoke"]),
+        digest=digest(signed),
+        issued_at_ms=body.issued_at_ms,
         next_update_ms=body.next_update_ms,
         principals=frozenset(body.principals),
         device_key_ids=frozenset(body.device_key_ids),
@@ -230,6 +253,16 @@ def verify_epoch_bundle(data: bytes, trust: Trust) -> EpochBundle:
     _require(bundle.epoch_id > 0, "EpochBundle: epoch_id: must not be 0")
     _require(bundle.not_before_ms < bundle.retire_at_ms, "EpochBundle: retire_at_ms: must follow not_before_ms")
     return bundle
+
+
+def verify_time_beacon(data: bytes, trust: Trust) -> TimeBeacon:
+    """Verify a TimeBeacon; whether it answers a challenge is its asker's. Raises DocumentError."""
+    beacon = parse(TimeBeacon, verified_body(TIME_BEACON, data, [trust.keys["time"]]))
+    _require(beacon.v == 1, "TimeBeacon: v: only version 1 is known")
+    _require(beacon.deployment_id == trust.deployment_id, "TimeBeacon: deployment_id: is another deployment's")
+    _require(len(beacon.challenge) == limits.CHALLENGE_BYTES, "TimeBeacon: challenge: must be 16 bytes")
+    _require(beacon.time_ms > 0, "TimeBeacon: time_ms: must not be 0")
+    return beacon
 
 
 def epoch_commitment(epoch_id: int, secret: bytes) -> bytes:

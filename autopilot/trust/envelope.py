@@ -23,7 +23,8 @@ from nacl import bindings
 from nacl.exceptions import CryptoError
 
 from autopilot.trust import limits
-from autopilot.trust.clock import Clock, wall_ms
+from autopilot.trust.believing import Believing, Fixed
+from autopilot.trust.clock import Clock
 from autopilot.trust.identity import Epoch, Identity
 from autopilot.trust.keys import Random, SealBroken, digest
 from autopilot.trust.pae import ENVELOPE_SEAL, ENVELOPE_SIGNATURE, le64, pae
@@ -106,9 +107,14 @@ class Packer:
     over restarts even where the random half fails.
     """
 
-    def __init__(self, identity: Identity, clock: Clock, random: Random = os.urandom) -> None:
-        self._identity = identity
-        self._clock = clock
+    def __init__(
+        self, identity: Identity, clock: Clock, random: Random = os.urandom, believing: Believing | None = None
+    ) -> None:
+        """Make a packer of `identity`, or of whatever `believing` holds when it packs.
+
+        Where the time is uncertain envelopes bear none; only acks and status are taken so.
+        """
+        self._believing = believing or Fixed(identity, clock)
         self._random = random
         self._seq = 0
         self._lock = threading.Lock()
@@ -122,14 +128,16 @@ class Packer:
         ttl_ms: int,
         order_seq: int = 0,
         in_reply_to: bytes = b"",
+        node_challenge: bytes = b"",
     ) -> Packed:
         """Seal and sign `content` for one key expression.
 
-        `ttl_ms` is the life from now. Raises PackError without a usable epoch key, and where the
-        message is larger or lives longer than a receiver would take.
+        `ttl_ms` is the life from now; `node_challenge` echoes a node whose time is uncertain. Raises
+        PackError without a usable epoch key, and where the message is larger or lives longer than a
+        receiver would take.
         """
-        identity, now_ms = self._identity, wall_ms(self._clock)
-        epoch = identity.current_epoch(now_ms)
+        identity, time = self._believing.held, self._believing.time()
+        epoch = identity.current_epoch(time.now_ms, certain=time.trusted)
         if epoch is None:
             raise PackError("no group key is in use now; issue the identity again")
         if not 0 < ttl_ms <= limits.TTL_MS_MAX:
@@ -140,17 +148,8 @@ class Packer:
         plaintext = self._random(limits.SALT_BYTES) + body.SerializeToString(deterministic=True)
         if len(plaintext) + limits.TAG_BYTES > ciphertext_limit(message_type):
             raise PackError(f"a message of {len(plaintext)} bytes is too large for its type")
-        header = self._header(message_type, key_expr, now_ms, ttl_ms, epoch, plaintext)
-        if in_reply_to:
-            header.in_reply_to = in_reply_to
-        return self._sealed(message_type, header, epoch, plaintext)
-
-    def _header(
-        self, message_type: MessageType, key_expr: str, now_ms: int, ttl_ms: int, epoch: Epoch, plaintext: bytes
-    ) -> EnvelopeHeader:
-        seq = self._next_seq(now_ms)
-        identity = self._identity
-        return EnvelopeHeader(
+        seq = self._next_seq(time.now_ms)
+        header = EnvelopeHeader(
             type=message_type,
             key_expr=key_expr,
             owner_principal_id=identity.principal_id,
@@ -158,30 +157,38 @@ class Packer:
             token_digest=identity.token_digest,
             nonce=le64(seq) + self._random(limits.NONCE_BYTES - 8),
             epoch_id=epoch.epoch_id,
-            issued_at_ms=now_ms,
             ttl_ms=ttl_ms,
             seq=seq,
             revocation_version=identity.revocations.version,
             deployment_id=identity.deployment_id,
             body_commitment=hashlib.sha256(plaintext).digest(),
         )
-
-    def _sealed(self, message_type: MessageType, header: EnvelopeHeader, epoch: Epoch, plaintext: bytes) -> Packed:
-        identity = self._identity
-        encoded = header.SerializeToString(deterministic=True)
-        key = sealing_key(message_type, epoch, header.device_key_id)
-        ciphertext = seal(key, header.nonce, encoded, plaintext)
-        signed = signature_input(encoded, identity.token_bytes, ciphertext)
-        envelope = AuthEnvelope(
-            v=VERSION,
-            header=encoded,
-            token=identity.token_bytes,
-            ciphertext=ciphertext,
-            device_signature=identity.sign_key.sign(signed),
-        )
-        return Packed(envelope.SerializeToString(deterministic=True), digest(signed), header.nonce)
+        if time.trusted:
+            header.issued_at_ms = time.now_ms
+        if in_reply_to:
+            header.in_reply_to = in_reply_to
+        if node_challenge:
+            header.node_challenge = node_challenge
+        return _sealed(identity, message_type, header, epoch, plaintext)
 
     def _next_seq(self, now_ms: int) -> int:
         with self._lock:
             self._seq = max(self._seq + 1, now_ms)
             return self._seq
+
+
+def _sealed(
+    identity: Identity, message_type: MessageType, header: EnvelopeHeader, epoch: Epoch, plaintext: bytes
+) -> Packed:
+    encoded = header.SerializeToString(deterministic=True)
+    key = sealing_key(message_type, epoch, header.device_key_id)
+    ciphertext = seal(key, header.nonce, encoded, plaintext)
+    signed = signature_input(encoded, identity.token_bytes, ciphertext)
+    envelope = AuthEnvelope(
+        v=VERSION,
+        header=encoded,
+        token=identity.token_bytes,
+        ciphertext=ciphertext,
+        device_signature=identity.sign_key.sign(signed),
+    )
+    return Packed(envelope.SerializeToString(deterministic=True), digest(signed), header.nonce)

@@ -129,6 +129,27 @@ def write_file(path: Path, data: bytes, *, secret: bool = False) -> None:
     partial.replace(path)
 
 
+def sync_folder(folder: Path) -> None:
+    """Make names in a folder durable: what was replaced stays so after a power cut. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def erase_file(path: Path) -> None:
+    """Overwrite a file, then remove it. Raises OSError.
+
+    What it held is gone from this file's blocks; a flash disk may keep a copy elsewhere.
+    """
+    with path.open("r+b") as file:
+        file.write(bytes(path.stat().st_size))
+        file.flush()
+        os.fsync(file.fileno())
+    path.unlink()
+
+
 def read_secret(path: Path, length: int = KEY_BYTES) -> bytes:
     """Read a secret of `length` bytes. Raises SecretFileError naming the file and the fix."""
     try:

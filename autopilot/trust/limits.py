@@ -12,6 +12,7 @@ KEY_ID_BYTES: Final = 16  # BLAKE2b-128: a look-up hint, never an identity by it
 NONCE_BYTES: Final = 24  # XChaCha20: 8 of the running number, 16 random
 TAG_BYTES: Final = 16  # Poly1305
 TOKEN_ID_BYTES: Final = 16
+CHALLENGE_BYTES: Final = 16  # random, of a node whose time is uncertain, or of one that asks for the time
 SALT_BYTES: Final = 32  # random in front of the sealed body, so that its commitment hides it
 WRAPPED_KEY_BYTES: Final = 80  # crypto_box_seal: 32 ephemeral key, 16 tag, 32 secret
 
@@ -37,3 +38,14 @@ OVERLAP_MS: Final = 120_000  # an epoch's key opens this long after its retireme
 WINDOW_PER_DEVICE: Final = 512  # one device cannot lock the others out
 WINDOW_TOTAL: Final = 4096  # nonces in memory, 40 s of them at 100 a second
 TOKEN_CACHE: Final = 256  # verified tokens kept, so that a known sender costs one verification
+
+ASK_AGAIN_NS: Final = (
+    10_000_000_000  # a document is asked for at most this often, whoever says that there is a newer one
+)
+CHALLENGE_TURN_NS: Final = 30_000_000_000  # a challenge is replaced after this; the one before it still counts
+CHALLENGE_LIFE_MS: Final = 60_000  # so an order by challenge was made at most this long ago
+CLOCK_JUMP_MS: Final = 600_000  # a clock that moves further at once is believed no longer
+BEACON_RTT_MS_MAX: Final = SKEW_MS  # a beacon that took longer says less than a clock that is kept
+BEACON_AGAIN_NS: Final = 3_600_000_000_000  # a crystal of 100 ppm is 0.4 s off by then
+BUILD_MS: Final = 1_767_225_600_000  # 2026-01-01: no time before it can be the present
+HORIZON_MS: Final = TTL_MS_MAX + 2 * SKEW_MS  # by then everything that was sent before has run out

@@ -43,6 +43,9 @@ class Sealed:
     digest: bytes  # BLAKE2b-256 of the signature input; an answer names it
     in_reply_to: bytes
     revocation_version: int
+    time_uncertain: bool = False  # it was fresh by the receiver's challenge; the time was not known
+    overdue_ms: int = 0  # how long the receiver's revocation list had been overdue
+    before_memory: bool = False  # it may repeat what was sent before a start that remembers nothing
     plaintext: bytes  # salt and sealed body; its SHA-256 is in the signed header
     envelope: bytes
 

@@ -168,6 +168,9 @@ class OrderReceived(_message.Message):
     ISSUED_AT_MS_FIELD_NUMBER: _builtins.int
     ENVELOPE_FIELD_NUMBER: _builtins.int
     OPENED_FIELD_NUMBER: _builtins.int
+    REVOCATION_OVERDUE_MS_FIELD_NUMBER: _builtins.int
+    TIME_UNCERTAIN_FIELD_NUMBER: _builtins.int
+    BEFORE_MEMORY_FIELD_NUMBER: _builtins.int
     POINT_AT_PLACE_FIELD_NUMBER: _builtins.int
     POINT_AT_ANGLES_FIELD_NUMBER: _builtins.int
     RELEASE_CAMERA_FIELD_NUMBER: _builtins.int
@@ -194,6 +197,12 @@ class OrderReceived(_message.Message):
     """The envelope as received, for a later proof."""
     opened: _builtins.bytes
     """The opened plaintext, random and sealed body, whose SHA-256 the envelope commits to."""
+    revocation_overdue_ms: _builtins.int
+    """For how long the node's revocation list had been overdue, in milliseconds; absent while it was not."""
+    time_uncertain: _builtins.bool
+    """The node's time was uncertain: the order was fresh by the node's challenge. Absent otherwise."""
+    before_memory: _builtins.bool
+    """It may have been sent first before this start, and the log of then is lost. Absent otherwise."""
     @_builtins.property
     def issuer(self) -> _common_pb2.Issuer:
         """Who signed it."""
@@ -221,14 +230,17 @@ class OrderReceived(_message.Message):
         issued_at_ms: _builtins.int | None = ...,
         envelope: _builtins.bytes | None = ...,
         opened: _builtins.bytes | None = ...,
+        revocation_overdue_ms: _builtins.int | None = ...,
+        time_uncertain: _builtins.bool | None = ...,
+        before_memory: _builtins.bool | None = ...,
         point_at_place: Global___PointAtPlaceOrder | None = ...,
         point_at_angles: Global___PointAtAnglesOrder | None = ...,
         release_camera: Global___ReleaseCameraOrder | None = ...,
         judge_poi: Global___JudgePoiOrder | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "target_public_key", b"target_public_key"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "target_public_key", b"target_public_key"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_order: _TypeAlias = _typing.Literal["point_at_place", "point_at_angles", "release_camera", "judge_poi"]  # noqa: Y015
     _WhichOneofArgType_order: _TypeAlias = _typing.Literal["order", b"order"]  # noqa: Y015

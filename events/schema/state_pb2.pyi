@@ -236,6 +236,36 @@ class CarriedAck(_message.Message):
 Global___CarriedAck: _TypeAlias = CarriedAck  # noqa: Y015
 
 @_typing.final
+class CarriedList(_message.Message):
+    """The newest revocation list that was taken of one key of the Directory."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KEY_ID_FIELD_NUMBER: _builtins.int
+    LIST_VERSION_FIELD_NUMBER: _builtins.int
+    DIGEST_FIELD_NUMBER: _builtins.int
+    key_id: _builtins.bytes
+    """BLAKE2b-128 of the key."""
+    list_version: _builtins.int
+    """Its version."""
+    digest: _builtins.bytes
+    """BLAKE2b-256 of its signed body."""
+    def __init__(
+        self,
+        *,
+        key_id: _builtins.bytes | None = ...,
+        list_version: _builtins.int | None = ...,
+        digest: _builtins.bytes | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["digest", b"digest", "key_id", b"key_id", "list_version", b"list_version"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["digest", b"digest", "key_id", b"key_id", "list_version", b"list_version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CarriedList: _TypeAlias = CarriedList  # noqa: Y015
+
+@_typing.final
 class CarriedState(_message.Message):
     """What outlives a flight (design: carry_over)."""
 
@@ -248,6 +278,22 @@ class CarriedState(_message.Message):
     IGNORED_FIELD_NUMBER: _builtins.int
     ORIGIN_FIELD_NUMBER: _builtins.int
     UNANSWERED_FIELD_NUMBER: _builtins.int
+    LISTS_FIELD_NUMBER: _builtins.int
+    EPOCH_ID_FIELD_NUMBER: _builtins.int
+    ROOT_VERSION_FIELD_NUMBER: _builtins.int
+    TIME_FLOOR_MS_FIELD_NUMBER: _builtins.int
+    LIST_BEHIND_FIELD_NUMBER: _builtins.int
+    ROOT_BEHIND_FIELD_NUMBER: _builtins.int
+    epoch_id: _builtins.int
+    """Highest epoch that was taken."""
+    root_version: _builtins.int
+    """Highest version of a TrustRoot that was taken."""
+    time_floor_ms: _builtins.int
+    """Floor of the time, milliseconds since 1970."""
+    list_behind: _builtins.bool
+    """The list that is held is not the newest that was taken."""
+    root_behind: _builtins.bool
+    """The TrustRoot that is held is not the newest that was taken."""
     @_builtins.property
     def orders(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedOrder]:
         """Orders and their results."""
@@ -276,6 +322,10 @@ class CarriedState(_message.Message):
     def unanswered(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedAck]:
         """Orders whose answer is still owed."""
 
+    @_builtins.property
+    def lists(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedList]:
+        """Newest revocation lists, one a key."""
+
     def __init__(
         self,
         *,
@@ -286,10 +336,16 @@ class CarriedState(_message.Message):
         ignored: _abc.Iterable[Global___CarriedIgnored] | None = ...,
         origin: _common_pb2.Place | None = ...,
         unanswered: _abc.Iterable[Global___CarriedAck] | None = ...,
+        lists: _abc.Iterable[Global___CarriedList] | None = ...,
+        epoch_id: _builtins.int | None = ...,
+        root_version: _builtins.int | None = ...,
+        time_floor_ms: _builtins.int | None = ...,
+        list_behind: _builtins.bool | None = ...,
+        root_behind: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["ignored", b"ignored", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "unanswered", b"unanswered"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["ignored", b"ignored", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "unanswered", b"unanswered"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -162,7 +162,7 @@ class EnvelopeHeader(_message.Message):
     epoch_id: _builtins.int
     """Epoch of the group key."""
     issued_at_ms: _builtins.int
-    """Sender's clock, milliseconds since 1970."""
+    """Sender's clock, milliseconds since 1970; absent where a node's time is uncertain (acks and status only)."""
     ttl_ms: _builtins.int
     """Life in milliseconds."""
     seq: _builtins.int
@@ -480,6 +480,40 @@ class EpochBundle(_message.Message):
 Global___EpochBundle: _TypeAlias = EpochBundle  # noqa: Y015
 
 @_typing.final
+class TimeBeacon(_message.Message):
+    """The time, for whoever asked: true time lies between time_ms and that plus the time of the journey (docs/belief.md)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    V_FIELD_NUMBER: _builtins.int
+    DEPLOYMENT_ID_FIELD_NUMBER: _builtins.int
+    CHALLENGE_FIELD_NUMBER: _builtins.int
+    TIME_MS_FIELD_NUMBER: _builtins.int
+    v: _builtins.int
+    """Version of the format, 1."""
+    deployment_id: _builtins.str
+    """Deployment."""
+    challenge: _builtins.bytes
+    """The asker's challenge, 16 bytes: an old beacon answers another one."""
+    time_ms: _builtins.int
+    """The Directory's clock, milliseconds since 1970."""
+    def __init__(
+        self,
+        *,
+        v: _builtins.int | None = ...,
+        deployment_id: _builtins.str | None = ...,
+        challenge: _builtins.bytes | None = ...,
+        time_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["challenge", b"challenge", "deployment_id", b"deployment_id", "time_ms", b"time_ms", "v", b"v"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["challenge", b"challenge", "deployment_id", b"deployment_id", "time_ms", b"time_ms", "v", b"v"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___TimeBeacon: _TypeAlias = TimeBeacon  # noqa: Y015
+
+@_typing.final
 class PurposeKey(_message.Message):
     """One key of the Directory."""
 
@@ -753,6 +787,7 @@ class CommandAck(_message.Message):
     TIME_QUALITY_FIELD_NUMBER: _builtins.int
     EVENT_SEQ_FIELD_NUMBER: _builtins.int
     MAV_RESULT_FIELD_NUMBER: _builtins.int
+    REVOCATION_STALE_FIELD_NUMBER: _builtins.int
     command_id: _builtins.str
     """The order."""
     result: Global___AckResult.ValueType
@@ -773,6 +808,8 @@ class CommandAck(_message.Message):
     """Ours: seq of the record that holds the answer."""
     mav_result: _builtins.int
     """Ours: raw MAV_RESULT where the vehicle answered."""
+    revocation_stale: _builtins.bool
+    """Ours: the node's revocation list is overdue, and what is allowed tightens; absent otherwise."""
     def __init__(
         self,
         *,
@@ -786,10 +823,11 @@ class CommandAck(_message.Message):
         time_quality: _builtins.int | None = ...,
         event_seq: _builtins.int | None = ...,
         mav_result: _builtins.int | None = ...,
+        revocation_stale: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["acked_at_ms", b"acked_at_ms", "command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "event_seq", b"event_seq", "mav_result", b"mav_result", "result", b"result", "result_state", b"result_state", "revocation_version", b"revocation_version", "time_quality", b"time_quality"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["acked_at_ms", b"acked_at_ms", "command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "event_seq", b"event_seq", "mav_result", b"mav_result", "result", b"result", "result_state", b"result_state", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["acked_at_ms", b"acked_at_ms", "command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "event_seq", b"event_seq", "mav_result", b"mav_result", "result", b"result", "result_state", b"result_state", "revocation_version", b"revocation_version", "time_quality", b"time_quality"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["acked_at_ms", b"acked_at_ms", "command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "event_seq", b"event_seq", "mav_result", b"mav_result", "result", b"result", "result_state", b"result_state", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -823,6 +861,9 @@ class NodeStatus(_message.Message):
     DISK_SHORT_FIELD_NUMBER: _builtins.int
     COSIGNED_SIZE_FIELD_NUMBER: _builtins.int
     COSIGNED_BY_FIELD_NUMBER: _builtins.int
+    TIME_QUALITY_FIELD_NUMBER: _builtins.int
+    REVOCATION_STALE_FIELD_NUMBER: _builtins.int
+    EPOCH_ID_FIELD_NUMBER: _builtins.int
     at_ms: _builtins.int
     """Node's clock, milliseconds since 1970."""
     flight_id: _builtins.bytes
@@ -840,7 +881,7 @@ class NodeStatus(_message.Message):
     map_objects: _builtins.int
     """Objects on the map."""
     node_challenge: _builtins.bytes
-    """Current challenge, 16 bytes, for senders while this node's time is uncertain."""
+    """Current challenge, 16 bytes, which orders must echo; absent while this node knows the time."""
     revocation_version: _builtins.int
     """Revocation list that the node holds."""
     latitude_e7: _builtins.int
@@ -861,6 +902,12 @@ class NodeStatus(_message.Message):
     """Records of the open flight under the newest checkpoint that a witness cosigned; absent where none did."""
     cosigned_by: _builtins.str
     """Principal of that witness; absent where none did."""
+    time_quality: _builtins.int
+    """Quality of this node's clock, as in the log's header: below 2 orders must echo node_challenge."""
+    revocation_stale: _builtins.bool
+    """The revocation list is overdue, and what is allowed tightens; absent otherwise."""
+    epoch_id: _builtins.int
+    """Newest epoch of the group key that the node holds."""
     @_builtins.property
     def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___CameraStatus]:
         """Cameras and who holds them."""
@@ -898,10 +945,13 @@ class NodeStatus(_message.Message):
         disk_short: _builtins.str | None = ...,
         cosigned_size: _builtins.int | None = ...,
         cosigned_by: _builtins.str | None = ...,
+        time_quality: _builtins.int | None = ...,
+        revocation_stale: _builtins.bool | None = ...,
+        epoch_id: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_version", b"revocation_version", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from statecharts.charts import aim, camera, command_part, health, mapping, opening, poi_part, scan_part, vehicle
+from statecharts.charts import aim, camera, command_part, health, mapping, opening, poi_part, scan_part, trust, vehicle
 from statecharts.part import Evolve, Part
 from statecharts.table import Chart
 
@@ -20,4 +20,4 @@ PARTS: tuple[Part, ...] = (
 CHARTS: tuple[Chart[Any], ...] = tuple(part.chart for part in PARTS)
 
 # Changes of state that no chart owns.
-PLAIN: tuple[dict[str, Evolve], ...] = (opening.EVOLVE, vehicle.EVOLVE)
+PLAIN: tuple[dict[str, Evolve], ...] = (opening.EVOLVE, vehicle.EVOLVE, trust.EVOLVE)

@@ -1,13 +1,16 @@
 """Chart `command`: the life of an operator's order on this node (seed 000, Node verification pipeline).
 
 Theory of operation. The edge has verified, opened and decoded; from the target check on an order is judged here, in
-the seed's order of gates: target, reception, role, repeat, sequence, then what the order asks. An order that passes is
+the seed's order of gates: target, reception, role, what the node knows of revocations and time, repeat, sequence, then
+what the order asks. An order that passes is
 `intended`, and only then, in the same durable step, an effect asks the vehicle for it. What the vehicle answers moves
 it on; a final answer never changes. Every order gets exactly one final result of five, and every arrival gets an
 answer: a repeat is told the stored result, a repeat with another body is refused and changes nothing.
 
 It must never perform an order twice. So an order that is found without an outcome at a start of the daemon is not sent
-again: what became of it is unknown, and that is the answer. An answer that is not known to have left is given again.
+again: what became of it is unknown, and that is the answer; so it is with an order that may have come before the log of
+then was lost. An answer that is not known to have left is given again. A revocation list that is overdue still revokes,
+and allows less the longer it is; one that is known to be older than what this node had allows nothing.
 
 Numbers of an order count for its sender's device: an older order that arrives after a newer one must not undo it.
 """
@@ -22,6 +25,8 @@ from statecharts.state import State
 from statecharts.table import Chart, Row, ignore, move, refuse
 
 FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
+# What points, releases or judges harms nobody much. Anything else, also what this node does not know, moves more.
+CAMERA_VERBS = ("point", "release", "judge")
 UNDERWAY = ("intended", "sent", "in_progress")
 
 MAV_ACCEPTED = 0
@@ -59,6 +64,28 @@ def role_missing(facts: Facts) -> bool:
     """None of the issuer's roles may point the camera; an empty list allows nobody."""
     asked = facts.received
     return asked is None or not any(role in facts.state.flight.camera_roles for role in asked.issuer.roles)
+
+
+def list_lost(facts: Facts) -> bool:
+    """The list or root that the node goes by is older than one it had: who is revoked is not known."""
+    return facts.state.trusted.value.list_behind or facts.state.trusted.value.root_behind
+
+
+def list_overdue(facts: Facts) -> bool:
+    """The revocation list has been overdue for longer than this kind of order allows."""
+    limits = facts.state.flight.limits
+    allowed_ms = limits.overdue_camera_ms if facts.order.verb in CAMERA_VERBS else limits.overdue_flight_ms
+    return facts.arrival is not None and facts.arrival.overdue_ms > allowed_ms
+
+
+def time_uncertain(facts: Facts) -> bool:
+    """The node does not know what time it is, and the order is not for a camera."""
+    return facts.arrival is not None and facts.arrival.time_uncertain and facts.order.verb not in CAMERA_VERBS
+
+
+def before_memory(facts: Facts) -> bool:
+    """The order may have been performed already: what was done before this start is lost."""
+    return facts.arrival is not None and facts.arrival.before_memory
 
 
 def replayed(facts: Facts) -> bool:
@@ -159,19 +186,23 @@ _JUDGE: tuple[Row[Facts], ...] = (
     move("received", "order_received", "unauthorised", "not for this node", other_node, band=1),
     move("received", "order_received", "unsupported", "orders are switched off on this node", reception_off, band=2),
     move("received", "order_received", "unauthorised", "role not permitted", role_missing, band=3),
-    move("received", "order_received", "rejected", "replayed", replayed, band=4),
-    move("received", "order_received", "rejected", "stale: a newer order came first", older, band=5),
-    move("received", "order_received", "rejected", "the node is in safe mode", safe_mode, band=6),
-    move("received", "order_received", "rejected", "expired", too_late, band=7),
-    move("received", "order_received", "unsupported", "unknown kind of order", unknown_verb, band=8),
-    move("received", "order_received", "rejected", "no such camera, or nothing turns it", no_such_camera, band=9),
-    move("received", "order_received", "rejected", "0, 0, 0 is no place to look at", null_place, band=10),
-    move("received", "order_received", "rejected", "this node has no position yet", nowhere, band=11),
-    move("received", "order_received", "rejected", "unknown_poi_id", unknown_poi, band=12),
-    move("received", "order_received", "rejected", "expired: the question is closed", poi_over, band=13),
-    move("received", "order_received", "accepted", "recorded", judgement, band=14),
-    move("received", "order_received", "rejected", "no vehicle is heard", vehicle_silent, band=15),
-    move("received", "order_received", "intended", "all gates passed", band=16),
+    move("received", "order_received", "unauthorised", "revocation list lost: it must be fetched", list_lost, band=4),
+    move("received", "order_received", "unauthorised", "revocation stale", list_overdue, band=5),
+    move("received", "order_received", "unauthorised", "this node's time is uncertain", time_uncertain, band=6),
+    move("received", "order_received", "timeout", "unknown after restart", before_memory, band=7),
+    move("received", "order_received", "rejected", "replayed", replayed, band=8),
+    move("received", "order_received", "rejected", "stale: a newer order came first", older, band=9),
+    move("received", "order_received", "rejected", "the node is in safe mode", safe_mode, band=10),
+    move("received", "order_received", "rejected", "expired", too_late, band=11),
+    move("received", "order_received", "unsupported", "unknown kind of order", unknown_verb, band=12),
+    move("received", "order_received", "rejected", "no such camera, or nothing turns it", no_such_camera, band=13),
+    move("received", "order_received", "rejected", "0, 0, 0 is no place to look at", null_place, band=14),
+    move("received", "order_received", "rejected", "this node has no position yet", nowhere, band=15),
+    move("received", "order_received", "rejected", "unknown_poi_id", unknown_poi, band=16),
+    move("received", "order_received", "rejected", "expired: the question is closed", poi_over, band=17),
+    move("received", "order_received", "accepted", "recorded", judgement, band=18),
+    move("received", "order_received", "rejected", "no vehicle is heard", vehicle_silent, band=19),
+    move("received", "order_received", "intended", "all gates passed", band=20),
 )
 
 

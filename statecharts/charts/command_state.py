@@ -32,6 +32,9 @@ def _receive(state: State, record: Record) -> None:
             in_reply_to=received.in_reply_to,
             known=key in state.orders,
             replayed=(device, received.nonce) in state.nonces,
+            overdue_ms=received.revocation_overdue_ms,
+            time_uncertain=received.time_uncertain,
+            before_memory=received.before_memory,
             order_seq=received.order_seq,
             newest_seq=state.order_seqs.get(device) or 0,
         )

@@ -7,7 +7,7 @@ from events.schema.flight_pb2 import BaselineCarried, FlightOpened, OriginSet
 from events.schema.state_pb2 import CarriedObject, CarriedOrder, CarriedState
 from statecharts.charts.command import FINAL
 from statecharts.charts.mapping import place_object
-from statecharts.facts import Camera, Ignored, Manifest, MapObject, Order, Spot, fitting_key, order_key
+from statecharts.facts import Camera, Ignored, Manifest, MapObject, Order, Spot, Trusted, fitting_key, order_key
 from statecharts.part import Evolve
 from statecharts.state import State
 
@@ -64,6 +64,17 @@ def load_carried(state: State, carried: CarriedState, now_ns: int) -> None:
     for item in carried.ignored:
         spot = Spot.of(item.place)
         state.ignored.put(item.poi_id, Ignored(item.poi_id, item.class_group, spot, item.principal_id, item.muted))
+    for newest_list in carried.lists:
+        state.lists.put(newest_list.key_id, (newest_list.list_version, newest_list.digest))
+    state.trusted.set(
+        Trusted(
+            list_behind=carried.list_behind,
+            root_behind=carried.root_behind,
+            root_version=carried.root_version,
+            epoch_id=carried.epoch_id,
+            time_floor_ms=carried.time_floor_ms,
+        )
+    )
     if carried.HasField("origin"):
         state.origin.set(Spot.of(carried.origin))
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from events.schema.flight_pb2 import BaselineCarried
+from events.schema.trust_pb2 import EpochTaken, RevocationsTaken, RootTaken, TimeLearned
 from statecharts import carry_over
-from tests.flights import Flight, closed, limits, opened, opened_well, point_at_angles, point_at_place
+from tests.flights import Flight, closed, limits, opened, opened_well, point_at_angles, point_at_place, received
 from tests.golden.telling import follow, tell, tell_all
 from tests.stories import Story
 
@@ -53,6 +54,23 @@ def gates() -> Flight:
         """,
     )
     return story.flight
+
+
+def believing() -> Flight:
+    """An overdue list, time that is not known, a lost memory, and a list that is older than one before."""
+    flight = Flight()
+    told = [RevocationsTaken(key_id=b"k" * 16, list_version=number, digest=bytes(32)) for number in (7, 5)]
+    tell_all(flight, [told[0], RootTaken(root_version=1), EpochTaken(epoch_id=1), TimeLearned(floor_ms=5)])
+    late = limits().overdue_camera_ms + 1
+    orders = (
+        point_at_place("a", revocation_overdue_ms=late - 1),
+        point_at_place("b", order_seq=2, revocation_overdue_ms=late),
+        received("c", order_seq=3, time_uncertain=True),
+        point_at_place("d", order_seq=4, time_uncertain=True),
+        point_at_place("e", order_seq=5, before_memory=True),
+    )
+    tell_all(flight, [*orders, told[1], point_at_place("f", order_seq=6), closed()])
+    return flight
 
 
 def outcomes() -> Flight:

@@ -45,6 +45,7 @@ GOLDEN = (
     Golden("story", "Most of what can happen happens once, as in the demo.", _told(story)),
     Golden("forged", "One answer that its charts did not give, in a chain that holds.", _forged, diverges=True),
     Golden("gates", "Every gate says no once: the order of the gates is a decision.", _told(orders.gates)),
+    Golden("believing", "What the node knows of lists, time and its past decides too.", _told(orders.believing)),
     Golden("outcomes", "What the vehicle says, in each state of an order, also too late.", _told(orders.outcomes)),
     Golden("restarts", "A start decides what becomes of orders that nobody heard of again.", _told(orders.restarts)),
     Golden("handed_over", "The first state is not empty: it comes from a baseline.", _told(orders.handed_over)),

@@ -110,7 +110,7 @@ def test_every_observation_and_decision_has_a_reader() -> None:
     silent = {kind.name for kind in KINDS if kind.role is not Role.EFFECT} - heard
     for_people = {"eyes_changed", "inputs_dropped", "position_reported", "samples_rejected"}
     for_people |= {"log_recovered", "log_damaged", "disk_full", "flight_deleted", "log_key_certified", "seal_refused"}
-    for_people |= {"checkpoint_cosigned"}
+    for_people |= {"checkpoint_cosigned", "trust_alarm"}
     check_equal(silent, for_people)
 
 

@@ -19,6 +19,8 @@ from autopilot.adapters.mesh.outbox import ACK_PATIENCE_S, Answer, Outbox
 from autopilot.adapters.mesh.witnesses import CosignatureDoor, ProofDoor
 from autopilot.ports.config import MeshSection
 from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Offer, Proving
+from autopilot.trust.believing import Believing, Fixed
+from autopilot.trust.book import TrustBook
 from autopilot.trust.envelope import MessageType, Packer
 from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity
@@ -26,7 +28,6 @@ from autopilot.trust.keys import Random
 from autopilot.trust.tally import Tally
 from autopilot.trust.verdict import Malformed, Rejected
 from autopilot.wire.keys import cosign_key, order_address, orders_of, proof_key
-from events.schema.flight_pb2 import ClockQuality
 from events.schema.orders_pb2 import AckResult as RecordedResult
 from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
 from events.schema.waypoint_pb2 import AckResult, CommandAck, NodeStatus, PrincipalKind, ResultState
@@ -50,18 +51,22 @@ class MeshAdapter:
         refusal: Callable[[], str] = lambda: "busy: this node takes no orders just now",
         proving: Proving | None = None,
         judge: CosignatureJudge | None = None,
+        book: TrustBook | None = None,
     ) -> None:
         """Make the adapter; `start` opens the session.
 
         `locate` works out a Place; `offer` hands observations to the node and is called on
         Zenoh's thread and on the outbox's; `refusal` is what to say where it refuses an order.
         `wire` replaces the Zenoh link in tests. With `proving` and `judge` those who watch the
-        log find doors of their own (`witnesses`).
+        log find doors of their own (`witnesses`). With `book` what is believed changes in flight; else
+        it is `identity` for good, and `clock` is right.
         """
         self._identity = identity
         self._clock = clock
         self._offer, self._refusal = offer, refusal
         self._wire = wire or _link(config)
+        self._book = book
+        self._believing: Believing = book or Fixed(identity, clock)
         self._gate: Gate[Order] = Gate(
             identity,
             MessageType.ORDER,
@@ -71,11 +76,13 @@ class MeshAdapter:
             clock=clock,
             samples_per_s=config.samples_per_s,
             samples_burst=config.samples_burst,
+            believing=self._believing,
         )
-        self._outbox = Outbox(identity.principal_id, self._wire, Packer(identity, clock, random), clock, offer)
+        packer = Packer(identity, clock, random, self._believing)
+        self._outbox = Outbox(identity.principal_id, self._wire, packer, clock, offer)
         self._taken: Counter[str] = Counter()
         self._proofs = ProofDoor(clock, proving) if proving else None
-        self._cosignatures = CosignatureDoor(identity, clock, judge, offer) if judge else None
+        self._cosignatures = CosignatureDoor(identity, clock, judge, offer, book) if judge else None
 
     def start(self) -> None:
         """Open the session and listen; returns at once, also when no router answers yet."""
@@ -93,9 +100,12 @@ class MeshAdapter:
         self._outbox.stop()
         self._wire.stop()
 
-    def restore_window(self, nonces: Iterable[tuple[bytes, bytes, int]]) -> None:
-        """Remember the log's nonces before `start`: (device_key_id, nonce, milliseconds that remain)."""
-        self._gate.restore(nonces)
+    def restore_window(self, nonces: Iterable[tuple[bytes, bytes, int]], *, whole: bool = True) -> None:
+        """Remember the log's nonces before `start`: (device_key_id, nonce, milliseconds that remain).
+
+        `whole`: they are all that were alive; else nothing passes that may have been sent before now.
+        """
+        self._gate.restore(nonces, whole=whole)
 
     def receive(self, key_expr: str, payload: bytes) -> None:
         """Judge one sample and offer what came of it. Never raises."""
@@ -128,8 +138,15 @@ class MeshAdapter:
         self._queue(seq, effect.in_reply_to, ack, recorded_mono_ns)
 
     def publish_status(self, status: NodeStatus) -> None:
-        """Publish the node's status with the list it holds; a newer one replaces one that could not leave yet."""
-        status.revocation_version = self._identity.revocations.version
+        """Publish the status with what the node believes; a newer one replaces one that could not leave yet."""
+        held, time = self._believing.held, self._believing.time()
+        status.revocation_version = held.revocations.version
+        status.epoch_id = max(held.epochs, default=0)
+        status.time_quality = time.quality
+        if time.earliest_ms > held.revocations.next_update_ms:
+            status.revocation_stale = True
+        if self._book is not None and not time.trusted:
+            status.node_challenge = self._book.challenge()
         self._outbox.status(status)
 
     def tally(self) -> Tally:
@@ -139,11 +156,15 @@ class MeshAdapter:
     def take_rejections(self) -> dict[str, int]:
         """Return the rejections since the last call by reason, sorted, none of them 0."""
         totals = Counter(self._gate.tally().rejected)
+        totals.update({f"trust: {what}": count for what, count in self._not_taken().items()})
         for door in (self._proofs, self._cosignatures):
             totals.update(door.rejected() if door is not None else {})
         fresh = totals - self._taken
         self._taken = totals
         return dict(sorted(fresh.items()))
+
+    def _not_taken(self) -> dict[str, int]:
+        return self._book.counts() if self._book is not None else {}
 
     def _is_ours(self, key_expr: str) -> bool:
         address = order_address(key_expr)
@@ -160,8 +181,11 @@ class MeshAdapter:
         self._queue(None, observation.in_reply_to, ack, self._clock.mono_ns())
 
     def _queue(self, seq: int | None, in_reply_to: bytes, ack: CommandAck, recorded_mono_ns: int) -> None:
-        ack.revocation_version = self._identity.revocations.version
-        ack.time_quality = ClockQuality.CLOCK_TRUSTED
+        held, time = self._believing.held, self._believing.time()
+        ack.revocation_version = held.revocations.version
+        ack.time_quality = time.quality
+        if time.earliest_ms > held.revocations.next_update_ms:
+            ack.revocation_stale = True
         give_up_mono_ns = recorded_mono_ns + int(ACK_PATIENCE_S * 1e9)
         self._outbox.answer(Answer(effect_seq=seq, in_reply_to=in_reply_to, ack=ack, give_up_mono_ns=give_up_mono_ns))
 

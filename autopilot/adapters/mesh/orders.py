@@ -78,6 +78,12 @@ def order_received(opened: Opened[Order]) -> OrderReceived:
         envelope=message.envelope,
         opened=message.plaintext,
     )
+    if message.overdue_ms:
+        observation.revocation_overdue_ms = message.overdue_ms
+    if message.time_uncertain:
+        observation.time_uncertain = True
+    if message.before_memory:
+        observation.before_memory = True
     match order.ordered:
         case PointAtPlaceOrder():
             observation.point_at_place.CopyFrom(order.ordered)

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from google.protobuf.message import DecodeError
 
 from autopilot.ports.edges import Clock, Consistency, CosignatureJudge, InputClass, Offer, Proving
+from autopilot.trust.believing import Believing
 from autopilot.trust.documents import DocumentMalformed, parse
 from autopilot.trust.envelope import MessageType
 from autopilot.trust.gate import Gate
@@ -80,7 +81,14 @@ class ProofDoor:
 class CosignatureDoor:
     """Takes cosignatures."""
 
-    def __init__(self, identity: Identity, clock: Clock, judge: CosignatureJudge, offer: Offer) -> None:
+    def __init__(
+        self,
+        identity: Identity,
+        clock: Clock,
+        judge: CosignatureJudge,
+        offer: Offer,
+        believing: Believing | None = None,
+    ) -> None:
         self._judge = judge
         self._offer = offer
         self._lock = threading.Lock()
@@ -94,6 +102,7 @@ class CosignatureDoor:
             clock=clock,
             samples_per_s=COSIGNATURES_PER_S,
             samples_burst=COSIGNATURES_BURST,
+            believing=believing,
         )
 
     def receive(self, key_expr: str, payload: bytes) -> None:

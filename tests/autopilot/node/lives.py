@@ -28,6 +28,9 @@ class FakeEyes:
         self.rejected: dict[str, int] = {}
 
 
+REMEMBERED: list[bool] = []  # of each life: whether it remembers all that went before
+
+
 class FakeEdges:
     """Adapters that do what a test says when they start and stop."""
 
@@ -65,7 +68,7 @@ def terminate(_edges: FakeEdges) -> None:
 def live(config: Config, monkeypatch: pytest.MonkeyPatch, on_start: Act, on_stop: Act = nothing) -> int:
     """Run a daemon to its end and return its exit code."""
     monkeypatch.setattr(daemon_module, "make_edges", lambda *_, **__: FakeEdges(on_start, on_stop))
-    monkeypatch.setattr(daemon_module, "resume", lambda *_: None)
+    monkeypatch.setattr(daemon_module, "resume", lambda *_, whole: REMEMBERED.append(whole))
 
     async def run() -> int:
         async with asyncio.timeout(20):

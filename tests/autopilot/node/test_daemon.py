@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from autopilot.ports.config import Config
 from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED
 from events.store import flights_in
-from tests.autopilot.node.lives import FakeEdges, keyed, live, terminate
+from tests.autopilot.node.lives import REMEMBERED, FakeEdges, keyed, live, terminate
 from tests.autopilot.node.nodes import log_of, of_kind
 
 
@@ -87,3 +88,27 @@ def test_an_adapter_that_breaks_while_stopping_does_not_keep_the_log_open(
     with pytest.raises(RuntimeError, match="broken for a test"):
         live(config, monkeypatch, terminate, break_down)
     check_closed(config, CLOSE_STOPPED)
+
+
+def test_a_node_whose_flights_are_gone_knows_that_it_has_forgotten(
+    config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not so one that is new, and not so one that goes on."""
+    REMEMBERED.clear()
+    live(config, monkeypatch, terminate)
+    live(config, monkeypatch, terminate)
+    shutil.rmtree(config.node.flights)
+    live(config, monkeypatch, terminate)
+    live(config, monkeypatch, terminate)
+    assert REMEMBERED == [True, True, False, True]
+
+
+def test_a_start_records_what_it_goes_by(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    """List, root, epoch and time; the next one finds that the log knows the documents."""
+    live(config, monkeypatch, terminate)
+    live(config, monkeypatch, terminate)
+    first, second = (log_of(flight) for flight in flights_in(Path(config.node.flights)))
+    taken = ("revocations_taken", "root_taken", "epoch_taken")
+    assert [len(list(of_kind(first, kind))) for kind in taken] == [1, 1, 1]
+    assert [len(list(of_kind(second, kind))) for kind in taken] == [0, 0, 0]
+    assert [one.source for one in of_kind(first, "time_learned")][:1] == ["host"]

@@ -37,11 +37,12 @@ class Mesh:
 
     def __init__(self) -> None:
         self.window: list[tuple[bytes, bytes, int]] = []
+        self.whole = True
         self.performed: list[int] = []
         self.rejections = {"token_sig": 3, "size": 1}
 
-    def restore_window(self, nonces: Iterable[tuple[bytes, bytes, int]]) -> None:
-        self.window = list(nonces)
+    def restore_window(self, nonces: Iterable[tuple[bytes, bytes, int]], *, whole: bool = True) -> None:
+        self.window, self.whole = list(nonces), whole
 
     def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
         self.performed.append(seq)

@@ -338,6 +338,7 @@ def test_what_a_reader_refuses_is_malformed() -> None:
 
 def test_every_count_is_reached_by_a_negative_of_these_tests() -> None:
     elsewhere = {"rate", "replay", "policy_old", "revoked", "epoch_retired", "open", "window_full", "internal"}
+    elsewhere |= {"challenge", "horizon", "list_old"}  # test_gate_believing
     assert {reason for reason, _ in NEGATIVES.values()} | elsewhere == set(REASONS)
     assert SealedBody.DESCRIPTOR.full_name == "waypoint.v1.SealedBody"
     assert PrincipalKind.NODE not in {ALICE.token.kind}
