@@ -112,3 +112,18 @@ def test_a_start_records_what_it_goes_by(config: Config, monkeypatch: pytest.Mon
     assert [len(list(of_kind(first, kind))) for kind in taken] == [1, 1, 1]
     assert [len(list(of_kind(second, kind))) for kind in taken] == [0, 0, 0]
     assert [one.source for one in of_kind(first, "time_learned")][:1] == ["host"]
+
+
+def test_the_adapters_start_when_the_log_has_what_the_start_found(
+    config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that no order is judged by less than the log knows a moment later."""
+    durable: list[str] = []
+
+    def look(edges: FakeEdges) -> None:
+        (flight,) = flights_in(Path(config.node.flights))
+        durable.extend(record.kind.name for record in log_of(flight))
+        terminate(edges)
+
+    live(config, monkeypatch, look)
+    assert {"revocations_taken", "root_taken", "epoch_taken"} <= set(durable)
