@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import shutil
 from pathlib import Path
 
 import pytest
 
+from autopilot.node import daemon as daemon_module
+from autopilot.node.trusting import settle
 from autopilot.ports.config import Config
+from autopilot.trust.book import TrustBook
 from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED
 from events.store import flights_in
 from tests.autopilot.node.lives import REMEMBERED, FakeEdges, keyed, live, terminate
@@ -118,12 +122,19 @@ def test_the_adapters_start_when_the_log_has_what_the_start_found(
     config: Config, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that no order is judged by less than the log knows a moment later."""
+    settled: list[bool] = []
     durable: list[str] = []
 
+    async def wait(book: TrustBook, over: asyncio.Event) -> None:
+        await settle(book, over)
+        settled.append(book.settled)
+
     def look(edges: FakeEdges) -> None:
+        assert settled == [True]
         (flight,) = flights_in(Path(config.node.flights))
         durable.extend(record.kind.name for record in log_of(flight))
         terminate(edges)
 
+    monkeypatch.setattr(daemon_module, "settle", wait)
     live(config, monkeypatch, look)
     assert {"revocations_taken", "root_taken", "epoch_taken"} <= set(durable)
