@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import shutil
 from pathlib import Path
 
 import pytest
 
+from autopilot.node import daemon as daemon_module
+from autopilot.node.trusting import settle
 from autopilot.ports.config import Config
+from autopilot.trust.book import TrustBook
 from events.schema.flight_pb2 import CLOSE_INPUT_ENDED, CLOSE_STOPPED
 from events.store import flights_in
 from tests.autopilot.node.lives import REMEMBERED, FakeEdges, keyed, live, terminate
@@ -112,3 +116,25 @@ def test_a_start_records_what_it_goes_by(config: Config, monkeypatch: pytest.Mon
     assert [len(list(of_kind(first, kind))) for kind in taken] == [1, 1, 1]
     assert [len(list(of_kind(second, kind))) for kind in taken] == [0, 0, 0]
     assert [one.source for one in of_kind(first, "time_learned")][:1] == ["host"]
+
+
+def test_the_adapters_start_when_the_log_has_what_the_start_found(
+    config: Config, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that no order is judged by less than the log knows a moment later."""
+    settled: list[bool] = []
+    durable: list[str] = []
+
+    async def wait(book: TrustBook, over: asyncio.Event) -> None:
+        await settle(book, over)
+        settled.append(book.settled)
+
+    def look(edges: FakeEdges) -> None:
+        assert settled == [True]
+        (flight,) = flights_in(Path(config.node.flights))
+        durable.extend(record.kind.name for record in log_of(flight))
+        terminate(edges)
+
+    monkeypatch.setattr(daemon_module, "settle", wait)
+    live(config, monkeypatch, look)
+    assert {"revocations_taken", "root_taken", "epoch_taken"} <= set(durable)

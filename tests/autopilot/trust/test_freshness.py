@@ -145,6 +145,8 @@ def test_a_beacon_makes_time_trusted_and_alone_steps_it_back() -> None:
     clock.hear_gps(NOW_MS + YEARS_MS)
     assert beacon(clock, host, NOW_MS, journey_ms=1_000) == ""
     check_time(clock, CLOCK_TRUSTED, NOW_MS + 500, NOW_MS + 500)
+    clock.hear_gps(NOW_MS + 10_000)
+    check_time(clock, CLOCK_TRUSTED, NOW_MS + 500, NOW_MS + 500)
     assert clock.floor_ms == NOW_MS
     assert [one.source for one in clock.news()] == ["gps", "beacon"]
 
