@@ -6,14 +6,14 @@ import base64
 import json
 import random
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from autopilot.cli import export, verify
-from autopilot.ground import consistency, verifier
+from autopilot.ground import consistency, ordered, verifier
 from autopilot.ground import papers as papers_module
 from autopilot.ground.verifier import ANSWERS, ProofRefused, check
 from autopilot.node.sealing import CERTIFICATE_FILE
@@ -22,7 +22,7 @@ from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE
 from autopilot.trust.keys import SignKey
 from autopilot.trust.notes import Checkpoint, LogKey, sign_note
 from events import KINDS
-from events.records import NO_CAUSE, Stored
+from events.records import NO_CAUSE, Record, Stored
 from events.schema.waypoint_pb2 import IdentityToken, PrincipalKind, PurposeKey, SignedDoc, TrustRoot
 from events.store import MemoryStore
 from events.tree import Tree
@@ -58,10 +58,16 @@ def papers(signer: SignKey | None = None, name: str = "", **values: Any) -> Pape
     return Papers(log_key=note, token=wasp.token_bytes, trust_root=(wasp.folder / ROOT_FILE).read_bytes())
 
 
-def sealed(size: int | None = None, signer: SignKey = LOG_KEY, name: str = "", **values: Any) -> MemoryStore:
-    """Return the story with one checkpoint over its first records."""
+def sealed(
+    size: int | None = None,
+    signer: SignKey = LOG_KEY,
+    name: str = "",
+    records: Sequence[Record] = STORY.records,
+    **values: Any,
+) -> MemoryStore:
+    """Return the story, or other records, with one checkpoint over its first records."""
     store = MemoryStore(FLIGHT_ID, SECRET)
-    store.append(STORY.records)
+    store.append(records)
     leaves = [stored.leaf for stored in store.stored(0, size)]
     said: dict[str, Any] = {
         "origin": "waypoint/coast-watch/wasp-01/3",
@@ -246,11 +252,11 @@ def test_replay_holds_the_log_against_its_checkpoints() -> None:
 def test_the_verifier_stands_alone() -> None:
     """It imports the standard library and one verification; and it knows every kind that answers an effect."""
     found = set[str]()
-    for module in (verifier, papers_module, consistency):
+    for module in (verifier, papers_module, consistency, ordered):
         source = source_of("verifier.py", Path(module.__file__ or "").read_text(encoding="utf-8"))
         lines = [line for line in source.text.splitlines() if line.startswith(("import ", "from "))]
         found |= {line.split()[1] for line in lines if line.split()[1].split(".")[0] not in sys.stdlib_module_names}
-    assert found == {"nacl.exceptions", "nacl.signing", "autopilot.ground.papers"}
+    assert found == {"nacl.exceptions", "nacl.signing", "autopilot.ground.papers", "autopilot.ground.ordered"}
     fields = {kind.number: kind.message.DESCRIPTOR.fields_by_name.get("effect_seq") for kind in KINDS}
     assert {number: field.number for number, field in fields.items() if field is not None} == ANSWERS
     assert PrincipalKind.NODE == papers_module.NODE

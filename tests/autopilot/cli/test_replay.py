@@ -82,7 +82,7 @@ def test_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Causes and consequences; a record that is not there is a usage error."""
     folder = str(story_on_disk(tmp_path))
     out = check_command(["replay", "why", folder, "18"], 0, capsys)
-    assert [line.split()[0] for line in out.splitlines()] == ["because", "18", "17", "8", "6", "led"]
+    assert [line.split()[0] for line in out.splitlines()] == ["because", "18", "17", "8", "6", "record", "led"]
     plain = json.loads(check_command(["replay", "why", folder, "17", "--json"], 0, capsys))
     assert [one["seq"] for one in plain["causes"]] == [17, 8, 6]
     assert [one["seq"] for one in plain["led_to"]] == [18, 19, 96]
