@@ -94,8 +94,49 @@ def check_order(seq: int, body: bytes, to: Addressee, revoked: Revoked | None = 
     record = parts_of(body, what)
     if not fields_all(record, 11):
         return None
+    sent = _sent(field_of(record, 11, what), to, what)  # 1 to 3
+    _check_sender(sent, revoked, what)  # 4
+    content = _content(record, sent, to, what)  # 5
+    _check_recorded(record, sent, content, what)  # 6
+    return ProvedOrder(
+        seq=seq,
+        command_id=content.command_id,
+        principal=sent.principal,
+        callsign=_text(sent.token, 12),
+        roles=tuple(role.decode("utf-8", "replace") for role in fields_all(sent.token, 7)),
+        device_key=sent.device_key,
+        token_key=to.token_key,
+        issued_at_ms=_number(sent.header, 9),
+        order_seq=content.order_seq,
+        node=to.node,
+        asked=_words(_asked(content.command, what)),
+        list_version=revoked.version if revoked is not None else None,
+    )
+
+
+class _Sent(NamedTuple):
+    """An envelope that a device signed, and the token that names the device."""
+
+    header: Parts
+    token: Parts
+    principal: str
+    device_key: bytes
+    device_key_id: bytes
+    digest: bytes  # of what was signed; an answer names it
+
+
+class _Content(NamedTuple):
+    """What was sealed."""
+
+    command_id: str
+    order_seq: int
+    command: Parts
+    digest: bytes
+
+
+def _sent(data: bytes, to: Addressee, what: str) -> _Sent:
     # 1. Envelope and header.
-    envelope = parts_of(field_of(record, 11, what), what)
+    envelope = parts_of(data, what)
     require([field for field, _ in envelope] == [1, 2, 3, 4, 5] and envelope[0] == (1, 1), f"{what}: is no envelope")
     raw_header, raw_token, ciphertext, signature = (field_of(envelope, number, what) for number in (2, 3, 4, 5))
     header = parts_of(raw_header, what)
@@ -113,51 +154,55 @@ def check_order(seq: int, body: bytes, to: Addressee, revoked: Revoked | None = 
     require(_text(header, 3) in ("", principal), f"{what}: the token is of another principal")
     signed = _pae(b"waypoint/v1/AuthEnvelope/device-signature", raw_header, raw_token, ciphertext)
     signed_by(device_key, signed, signature, what)
-    # 4. Times and revocation.
-    issued_at_ms = _number(header, 9)
-    valid = _number(token, 8) - SKEW_MS <= issued_at_ms <= _number(token, 9)
+    return _Sent(header, token, principal, device_key, device_key_id, _digest(signed))
+
+
+def _check_sender(sent: _Sent, revoked: Revoked | None, what: str) -> None:
+    """Refuse a token that was not valid then, and a sender on the list, which does not say since when."""
+    issued_at_ms = _number(sent.header, 9)
+    valid = _number(sent.token, 8) - SKEW_MS <= issued_at_ms <= _number(sent.token, 9)
     require(valid, f"{what}: the sender's token was not valid then")
     if revoked is not None:
-        _not_revoked(revoked, principal.encode(), device_key_id, b"".join(fields_all(token, 11)), what)
-    # 5. Content.
+        named = (
+            sent.principal.encode() in revoked.principals,
+            sent.device_key_id in revoked.device_key_ids,
+            b"".join(fields_all(sent.token, 11)) in revoked.token_ids,
+        )
+        require(not any(named), f"{what}: the sender is on revocation list {revoked.version}")
+
+
+def _content(record: Parts, sent: _Sent, to: Addressee, what: str) -> _Content:
     opened = field_of(record, 12, what)
-    commitment = hashlib.sha256(opened).digest()
-    require(field_of(header, 16, what) == commitment, f"{what}: the opened text is not the one that was signed for")
+    committed = field_of(sent.header, 16, what) == hashlib.sha256(opened).digest()
+    require(
+        field_of(sent.header, 16, what) == commitment, f"{what}: the opened text is not the one that was signed for"
+    )
     sealed = parts_of(opened[SALT_BYTES:], what)
     content = field_of(sealed, 2, what)
     command = parts_of(content, what)
     command_id = field_of(command, 1, what).decode("utf-8", "replace")
-    require(_text(header, 2) == f"waypoint/global/cmd/{to.node}/{command_id}", f"{what}: was sent to another node")
+    key_expr = f"waypoint/global/cmd/{to.node}/{command_id}"
+    require(_text(sent.header, 2) == key_expr, f"{what}: was sent to another node, or under another id")
     require(field_of(command, 5, what) == to.node_key, f"{what}: is bound to another node's key")
-    # 6. What was recorded.
+    return _Content(command_id, _number(sealed, 1), command, _digest(content))
+
+
+def _check_recorded(record: Parts, sent: _Sent, content: _Content, what: str) -> None:
+    issuer = _inner(record, 1, what)
     recorded = {
-        "principal": (name_of(_inner(record, 1, what), 1, what), principal),
-        "device": (field_of(_inner(record, 1, what), 3, what), device_key_id),
-        "command_id": (_text(record, 2), command_id),
-        "body": (field_of(record, 3, what), _digest(content)),
-        "target": (field_of(record, 4, what), to.node_key),
-        "number": (_number(record, 5), _number(sealed, 1)),
-        "nonce": (field_of(record, 6, what), field_of(header, 7, what)),
-        "answer's reference": (field_of(record, 9, what), _digest(signed)),
-        "time": (_number(record, 10), issued_at_ms),
-        "order": (_recorded(record, what), _asked(command, what)),
+        "principal": (name_of(issuer, 1, what), sent.principal),
+        "device": (field_of(issuer, 3, what), sent.device_key_id),
+        "command_id": (_text(record, 2), content.command_id),
+        "body": (field_of(record, 3, what), content.digest),
+        "target": (field_of(record, 4, what), field_of(content.command, 5, what)),
+        "number": (_number(record, 5), content.order_seq),
+        "nonce": (field_of(record, 6, what), field_of(sent.header, 7, what)),
+        "answer's reference": (field_of(record, 9, what), sent.digest),
+        "time": (_number(record, 10), _number(sent.header, 9)),
+        "order": (_recorded(record, what), _asked(content.command, what)),
     }
     for name, (found, true) in recorded.items():
         require(found == true, f"{what}: the {name} was recorded otherwise than it was signed")
-    return ProvedOrder(
-        seq=seq,
-        command_id=command_id,
-        principal=principal,
-        callsign=_text(token, 12),
-        roles=tuple(role.decode("utf-8", "replace") for role in fields_all(token, 7)),
-        device_key=device_key,
-        token_key=to.token_key,
-        issued_at_ms=issued_at_ms,
-        order_seq=_number(sealed, 1),
-        node=to.node,
-        asked=_words(_asked(command, what)),
-        list_version=revoked.version if revoked is not None else None,
-    )
 
 
 def read_revoked(document: bytes, trust_root: bytes) -> Revoked:
@@ -168,12 +213,6 @@ def read_revoked(document: bytes, trust_root: bytes) -> Revoked:
     require(name_of(parts, 2, what) == deployment, "revocations: of another deployment")
     sets = (frozenset(fields_all(parts, number)) for number in (7, 8, 9))
     return Revoked(_number(parts, 3), *sets)
-
-
-def _not_revoked(revoked: Revoked, principal: bytes, device_key_id: bytes, token_id: bytes, what: str) -> None:
-    """Refuse a sender on the list: from the list alone nobody can tell whether the order came before."""
-    named = (principal in revoked.principals, device_key_id in revoked.device_key_ids, token_id in revoked.token_ids)
-    require(not any(named), f"{what}: the sender is on revocation list {revoked.version}")
 
 
 def _asked(command: Parts, what: str) -> tuple[object, ...]:

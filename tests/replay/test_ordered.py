@@ -239,6 +239,11 @@ def test_a_decision_is_proved_together_with_who_ordered_it() -> None:
         check(data, None, revocations(principals=["alice"]))
 
 
+def with_body(data: bytes, text: str) -> bytes:
+    """Return a proof whose first record has another body."""
+    return changed(data, lambda proof: proof["records"][0].update(body=text))
+
+
 def test_no_bit_of_a_proved_order_can_be_changed() -> None:
     """Every 5th bit of the record's body."""
     flight = ordered_flight()
@@ -249,7 +254,7 @@ def test_no_bit_of_a_proved_order_can_be_changed() -> None:
         flipped[bit // 8] ^= 1 << bit % 8
         text = base64.b64encode(flipped).decode()
         with pytest.raises(ProofRefused):
-            check(changed(data, lambda proof, text=text: proof["records"][0].update(body=text)))
+            check(with_body(data, text))
 
 
 def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
