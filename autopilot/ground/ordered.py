@@ -174,9 +174,7 @@ def _check_sender(sent: _Sent, revoked: Revoked | None, what: str) -> None:
 def _content(record: Parts, sent: _Sent, to: Addressee, what: str) -> _Content:
     opened = field_of(record, 12, what)
     committed = field_of(sent.header, 16, what) == hashlib.sha256(opened).digest()
-    require(
-        field_of(sent.header, 16, what) == commitment, f"{what}: the opened text is not the one that was signed for"
-    )
+    require(committed, f"{what}: the opened text is not the one that was signed for")
     sealed = parts_of(opened[SALT_BYTES:], what)
     content = field_of(sealed, 2, what)
     command = parts_of(content, what)

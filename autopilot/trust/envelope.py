@@ -122,11 +122,13 @@ class Packer:
         ttl_ms: int,
         order_seq: int = 0,
         in_reply_to: bytes = b"",
+        node_challenge: bytes = b"",
     ) -> Packed:
         """Seal and sign `content` for one key expression.
 
-        `ttl_ms` is the life from now. Raises PackError without a usable epoch key, and where the
-        message is larger or lives longer than a receiver would take.
+        `ttl_ms` is the life from now; `node_challenge` is the target's, where it asks for an echo.
+        Raises PackError without a usable epoch key, and where the message is larger or lives longer
+        than a receiver would take.
         """
         identity, now_ms = self._identity, wall_ms(self._clock)
         epoch = identity.current_epoch(now_ms)
@@ -143,6 +145,8 @@ class Packer:
         header = self._header(message_type, key_expr, now_ms, ttl_ms, epoch, plaintext)
         if in_reply_to:
             header.in_reply_to = in_reply_to
+        if node_challenge:
+            header.node_challenge = node_challenge
         return self._sealed(message_type, header, epoch, plaintext)
 
     def _header(
