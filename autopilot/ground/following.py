@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 from events.schema.waypoint_pb2 import CameraStatus, NodeStatus, PrincipalKind
 
-ISSUERS = (PrincipalKind.OPERATOR, PrincipalKind.SERVICE)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pointing:
@@ -99,7 +97,7 @@ def permissions(
     """Return what somebody of this kind with these roles may do on a node: to its cameras, and to its flight."""
     held = frozenset(roles)
     general = [
-        (kind not in ISSUERS, "only operators and services give orders"),
+        (kind != PrincipalKind.OPERATOR, "only operators give orders"),
         (revoked, "this identity is revoked"),
         (expired, "this identity has expired"),
         (bool(status.not_recording), f"the node takes no orders: {status.not_recording}"),

@@ -26,7 +26,7 @@ from autopilot.ground.papers import (
 )
 
 ORDER = 20  # kind of the records that hold one
-ISSUERS = (1, 3)  # kinds of principals that may order: operators and services
+OPERATOR = 1  # the kind of principals that may order
 SKEW_MS = 5_000
 SALT_BYTES = 32
 
@@ -84,7 +84,7 @@ def check_order(seq: int, body: bytes, to: Addressee, revoked: Revoked | None = 
     """Check an `order_received`; None where its record holds no envelope. Raises ProofRefused.
 
     1. The envelope has its parts, and its header is that of an order for this node, of this deployment.
-    2. The token is the one that the header names; the Directory signed it; it is an operator's or a service's.
+    2. The token is the one that the header names; the Directory signed it; it is an operator's.
     3. The device key of the token is the one that the header names, and it signed header, token and ciphertext.
     4. The token was valid when the order was issued; a revocation list that is given does not name the sender.
     5. The plaintext is the one that the signed header commits to; it holds the order, bound to this node's key.
@@ -146,7 +146,7 @@ def _sent(data: bytes, to: Addressee, what: str) -> _Sent:
     require(field_of(header, 6, what) == _digest(raw_token), f"{what}: the token is not the one that was signed for")
     token = parts_of(signed_body(raw_token, b"waypoint/v1/IdentityToken", [to.token_key], 1, what), what)
     require(name_of(token, 2, what) == to.deployment, f"{what}: the token is of another deployment")
-    require(_number(token, 4) in ISSUERS, f"{what}: the sender is no operator")
+    require(_number(token, 4) == OPERATOR, f"{what}: the sender is no operator")
     # 3. Device.
     device_key, principal = field_of(token, 5, what), name_of(token, 3, what)
     device_key_id = hashlib.blake2b(device_key, digest_size=16, person=b"wp.keyid.v1").digest()

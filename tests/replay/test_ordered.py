@@ -131,6 +131,7 @@ def _given(**values: Any) -> Any:
         ({"identity": people(2).alice}, "key that is not known"),
         ({"identity": _given(deployment_id="inland")}, "token is of another deployment"),
         ({"identity": _given(kind=PrincipalKind.NODE)}, "is no operator"),
+        ({"identity": _given(kind=PrincipalKind.SERVICE)}, "is no operator"),
         ({"identity": _given(device_sign_pk=people().bob.public_key)}, "token is of another device"),
         ({"identity": retokened(people().alice, lambda _: None, signer="revoke")}, "key that is not known"),
         ({"ordered": command(target_node_pubkey=people().hornet.public_key)}, "bound to another node's key"),

@@ -38,7 +38,7 @@ from events.schema.waypoint_pb2 import (
     ResultState,
 )
 
-ISSUERS = frozenset({PrincipalKind.OPERATOR, PrincipalKind.SERVICE})
+ISSUERS = frozenset({PrincipalKind.OPERATOR})  # nodes and services never command
 
 
 class MeshAdapter:

@@ -12,7 +12,7 @@ from events.schema.waypoint_pb2 import CameraStatus, NodeStatus, PrincipalKind
 
 def status(**values: Any) -> NodeStatus:
     """Return a status after record 50 with one camera."""
-    camera = {"camera": 1, "command_id": "a", "callsign": "ALPHA"} | values
+    camera: dict[str, Any] = {"camera": 1, "command_id": "a", "callsign": "ALPHA"} | values
     return NodeStatus(head_seq=50, cameras=[CameraStatus(camera=2, command_id="z"), CameraStatus(**camera)])
 
 
@@ -62,11 +62,12 @@ GOOD: dict[str, Any] = {"command_enabled": True, "health": "normal", "camera_rol
     ("change", "kind", "roles", "states", "because"),
     [
         ({}, PrincipalKind.OPERATOR, ["operator"], {}, ""),
-        ({}, PrincipalKind.SERVICE, ["x", "admin"], {}, ""),
+        ({}, PrincipalKind.OPERATOR, ["x", "admin"], {}, ""),
+        ({}, PrincipalKind.SERVICE, ["operator"], {}, "only operators give orders"),
         ({}, PrincipalKind.OPERATOR, ["viewer"], {}, "needs one of the roles admin, operator"),
         ({}, PrincipalKind.OPERATOR, [], {}, "needs one of the roles admin, operator"),
         ({"camera_roles": []}, PrincipalKind.OPERATOR, ["operator"], {}, "the node allows it to nobody"),
-        ({}, PrincipalKind.NODE, ["operator"], {}, "only operators and services give orders"),
+        ({}, PrincipalKind.NODE, ["operator"], {}, "only operators give orders"),
         ({}, PrincipalKind.OPERATOR, ["operator"], {"revoked": True}, "this identity is revoked"),
         ({}, PrincipalKind.OPERATOR, ["operator"], {"expired": True}, "this identity has expired"),
         ({"command_enabled": False}, PrincipalKind.OPERATOR, [], {}, "orders are switched off on this node"),
