@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tests.checks import check_chart, check_equal
+from tests.stories import Story
 
 
 def test_a_hold_and_a_pause_run_out() -> None:
@@ -174,3 +175,14 @@ def test_what_the_node_refuses_takes_nothing_away() -> None:
         3    | answered a 0           | -            | -            | -
         """,
     )
+
+
+def test_another_issuer_s_order_under_the_same_id_is_another_order() -> None:
+    """The refusal of Alpha's order takes nothing from Bravo, who used the same id for an order of his own."""
+    story = Story()
+    story.tell("order a point")
+    first = story.flight.effect()
+    story.tell("order a turn by=bravo")
+    story.tell(f"answered {first} 2")
+    camera = story.flight.state.cameras["1/1"]
+    check_equal((camera.state, camera.principal_id, camera.command_id), ("operator", "bravo", "a"))
