@@ -74,6 +74,7 @@ def start() -> Audit:
 
 def apply(audit: Audit, record: Record) -> Audit:
     """Return the audit after one more record."""
+    _passed_over(audit, record)
     change = _CHANGES.get(record.kind.name)
     if change is not None:
         change(audit, record, record.message)
@@ -131,6 +132,19 @@ def _judged_now(audit: Audit, record: Record) -> Record | None:
     """Return the order that this decision judges: the one that it was caused by."""
     arrival = audit.arrival
     return arrival if arrival is not None and arrival.seq == record.cause else None
+
+
+def _passed_over(audit: Audit, record: Record) -> None:
+    """Count a repeat that was not answered: nothing was decided on it."""
+    arrival = audit.arrival
+    if arrival is None or record.cause == arrival.seq:
+        return
+    audit.arrival = None
+    order = arrival.message
+    assert isinstance(order, OrderReceived)
+    before = audit.rows.get(audit.orders.get(_key(order.issuer.principal_id, order.command_id), -1))
+    if before is not None:
+        _rest_on(audit, before.seq, arrival, duplicates=before.duplicates + 1)
 
 
 def _order(audit: Audit, arrival: Record, what: str) -> AuditRow:

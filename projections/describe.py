@@ -34,7 +34,7 @@ from events.schema.vehicle_pb2 import (
     ReleasePointing,
     VehicleStateReported,
 )
-from projections.words import coordinates, degrees, metres, percent, seconds
+from projections.words import NS_PER_MS, coordinates, degrees, metres, percent, seconds
 
 _RESULTS: dict[int, str] = {
     orders_pb2.ACK_ACCEPTED: "accepted",
@@ -42,6 +42,11 @@ _RESULTS: dict[int, str] = {
     orders_pb2.ACK_TIMEOUT: "timeout",
     orders_pb2.ACK_UNSUPPORTED: "unsupported",
     orders_pb2.ACK_UNAUTHORISED: "unauthorised",
+}
+_STAGES: dict[int, str] = {
+    orders_pb2.ACK_STAGE_RECEIVED: "received, not yet decided",
+    orders_pb2.ACK_STAGE_SENT: "sent to the vehicle",
+    orders_pb2.ACK_STAGE_IN_PROGRESS: "in progress",
 }
 _CLOSE_REASONS: dict[int, str] = {
     flight_pb2.CLOSE_REASON_UNSPECIFIED: "for no reason that was given",
@@ -139,7 +144,7 @@ def _malformed(one: OrderMalformed) -> str:
 
 
 def _ack(one: SendAck) -> str:
-    result = result_word(one.result) if one.final else "received, not yet decided"
+    result = result_word(one.result) if one.final else _STAGES.get(one.stage, "not decided")
     again = "again " if one.duplicate else ""
     return f"tell {one.principal_id} {again}about {one.command_id}: {result}, {one.detail}"
 
@@ -214,7 +219,8 @@ def _ignored(one: ItemIgnored) -> str:
 
 
 def _taken(one: CameraTaken) -> str:
-    return f"{one.callsign or one.principal_id} has camera {one.vehicle}/{one.camera} by order {one.command_id}"
+    again = f" again, for {seconds(one.held_for_ms * NS_PER_MS)} s" if one.HasField("held_for_ms") else ""
+    return f"{one.callsign or one.principal_id} has camera {one.vehicle}/{one.camera} by order {one.command_id}{again}"
 
 
 def _joined(one: PoiJoined) -> str:

@@ -104,6 +104,8 @@ class Picture:
     starts: int = 0
     health: str = "normal"  # "normal", "safe mode"
     command_enabled: bool = False
+    camera_roles: tuple[str, ...] = ()  # who may point the cameras; empty: nobody
+    flight_roles: tuple[str, ...] = ()  # who may command the flight; empty: nobody
     cameras: Mapping[str, CameraPicture] = field(default_factory=dict)
     gimbals: Mapping[str, GimbalPicture] = field(default_factory=dict)
     vehicles: Mapping[str, VehiclePicture] = field(default_factory=dict)

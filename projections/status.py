@@ -92,6 +92,8 @@ def _opened(_picture: Picture, _record: Record, opened: FlightOpened) -> Picture
         software=opened.software,
         open=True,
         command_enabled=opened.configuration.limits.command_enabled,
+        camera_roles=tuple(opened.configuration.limits.camera_roles),
+        flight_roles=tuple(opened.configuration.limits.flight_roles),
         cameras=cameras,
         gimbals=gimbals,
         bounds=Bounds.of(opened.configuration.limits),
@@ -151,13 +153,17 @@ def _camera_moved(picture: Picture, record: Record, moved: Moved) -> Picture:
     return replace(picture, cameras=_with(picture.cameras, moved.instance, camera))
 
 
-def _taken(picture: Picture, _record: Record, taken: CameraTaken) -> Picture:
+def _taken(picture: Picture, record: Record, taken: CameraTaken) -> Picture:
     key = _key(taken.vehicle, taken.camera)
+    until_ns = picture.cameras[key].held_until_ns
+    if taken.HasField("held_for_ms"):
+        until_ns = record.at.flight_ns + taken.held_for_ms * NS_PER_MS
     camera = replace(
         picture.cameras[key],
         callsign=taken.callsign,
         principal_id=taken.principal_id,
         command_id=taken.command_id,
+        held_until_ns=until_ns,
     )
     return replace(picture, cameras=_with(picture.cameras, key, camera))
 

@@ -50,6 +50,7 @@ class Manifest:
     node_public_key: bytes
     limits: Limits  # read only
     camera_roles: tuple[str, ...]
+    flight_roles: tuple[str, ...]
     group_of: dict[str, str]  # class name to class group; never changed
     gimbal_of: dict[str, int]  # camera key to gimbal number; never changed
 
@@ -90,6 +91,7 @@ class Order(NamedTuple):
     keep_until_ns: int
     detail: str = ""
     mav_result: int | None = None
+    repeats_answered_ns: tuple[int, ...] = ()  # when repeats were last answered
 
 
 class Effect(NamedTuple):
@@ -98,6 +100,16 @@ class Effect(NamedTuple):
     order: str  # order key; "" for the node's own wish
     gimbal: str
     done: bool = False  # its outcome is in
+
+
+class Hold(NamedTuple):
+    """What a camera was before an order took it."""
+
+    state: str
+    principal_id: str
+    callsign: str
+    command_id: str
+    until_ns: int
 
 
 class Camera(NamedTuple):
@@ -111,6 +123,7 @@ class Camera(NamedTuple):
     callsign: str = ""
     command_id: str = ""
     until_ns: int = 0
+    before: Hold | None = None  # what it goes back to where the vehicle refuses the order that took it
 
 
 class Trusted(NamedTuple):

@@ -42,7 +42,8 @@ STATES: dict[str, Callable[[State, str], str]] = {
 def check_chart(chart: str, table: str, story: Story | None = None, **changes: Any) -> Story:
     """Tell a story line by line and compare what the chart does; return the story for more of it.
 
-    Columns: at_s, observe, state (every move of the chart, "instance state"), say, and why where the table has it.
+    Columns: at_s, observe, state (every move of the chart, "instance state"), say, and why where the table has it. How
+    far an order got is told apart from the rest, in a column `rung` where the table has it.
     """
     story = story or Story(**changes)
     head, *lines = [[cell.strip() for cell in line.split("|")] for line in table.strip().splitlines()]
@@ -65,16 +66,25 @@ def check_line(found: Sequence[str], expected: Sequence[str]) -> None:
 
 def seen(story: Story, chart: str, records: Sequence[Record]) -> dict[str, str]:
     """Return what a step did, as the columns of a table say it."""
-    messages = [record.message for record in records[1:]]
+    messages = [record.message for record in records[1:] if not is_rung(record)]
     moves = [change for change in messages if isinstance(change, Moved) and change.chart == chart]
     acks = [message for message in messages if isinstance(message, SendAck) and "send_ack" in SAYS[chart]]
-    said = [words_of(story, record) for record in records[1:] if record.kind.name in ("step_failed", *SAYS[chart])]
+    heard = [record for record in records[1:] if record.kind.name in ("step_failed", *SAYS[chart])]
+    said = [words_of(story, record) for record in heard if not is_rung(record)]
+    rungs = [words_of(story, record) for record in heard if is_rung(record)]
     reasons = [change.because for change in moves] or [ack.detail for ack in acks]
     return {
         "state": ", ".join(f"{instance_words(story, change)} {change.to_state}" for change in moves) or "-",
         "say": "; ".join(said) or "-",
+        "rung": "; ".join(rungs) or "-",
         "why": reasons[-1] if reasons else "-",
     }
+
+
+def is_rung(record: Record) -> bool:
+    """Whether a record tells how far an order got that nobody repeated."""
+    ack = record.message
+    return isinstance(ack, SendAck) and ack.stage != 0 and not ack.duplicate
 
 
 def check_time(story: Story, at_ms: int, observe: str) -> None:

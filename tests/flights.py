@@ -44,6 +44,7 @@ from events.schema.orders_pb2 import (
     PointAtAnglesOrder,
     PointAtPlaceOrder,
     ReleaseCameraOrder,
+    SendAck,
 )
 from events.schema.vehicle_pb2 import (
     CommandAnswered,
@@ -164,10 +165,16 @@ def _misuse(flight: Flight) -> None:
     flight.tell(SamplesRejected(rejected=rejected), 50)
     flight.tell(InputsDropped(input_class="frame", count=7), 50)
     flight.tell(EyesChanged(vehicle=1, camera=1, state="lost", because="the detector ended"), 50)
-    flight.tell(published(next(one.seq for one in flight.records if one.kind.name == "send_ack")), 5)
+    flight.tell(published(first_answer(flight)), 5)
     flight.tell(point_at_place("p5", order_seq=6), 50)
     flight.tell(NodeStarted(boot_id="boot", start=2, outage_ns=900_000_000), 900)
     flight.tell(position(1_000, 0))
+
+
+def first_answer(flight: Flight) -> int:
+    """Return the seq of the first last word."""
+    acks = ((one.seq, one.message) for one in flight.records)
+    return next(seq for seq, message in acks if isinstance(message, SendAck) and message.final)
 
 
 def said(records: Sequence[Record]) -> list[str]:

@@ -13,11 +13,12 @@ from events.kinds import Role
 from events.schema.common_pb2 import Moved
 from events.schema.findings_pb2 import CameraTaken, PoiOpened
 from events.schema.flight_pb2 import FlightOpened, Limits
-from events.schema.orders_pb2 import OrderReceived, SendAck
+from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
 from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing
 
 Steps = Sequence[Sequence[Record]]
 Monitor = Callable[[Steps], Iterator[str]]
+SECOND_NS = 1_000_000_000
 MINUTE_NS = 60_000_000_000
 FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
 
@@ -76,7 +77,11 @@ def moves_join(steps: Steps) -> Iterator[str]:
 
 
 def one_master(steps: Steps) -> Iterator[str]:
-    """A camera that an operator has bears one name, of the order that was intended in that step."""
+    """A camera that an operator has bears one name, of the order that was intended in that step.
+
+    Or of whoever had it before, in a step that refused the order that had taken it.
+    """
+    had: set[str] = set()
     for step in steps:
         holders = [message for record in step if isinstance(message := record.message, CameraTaken)]
         cameras = [move.instance for move in moves_of(step, "camera") if move.to_state == "operator"]
@@ -85,8 +90,11 @@ def one_master(steps: Steps) -> Iterator[str]:
         ):
             yield f"step {step[0].seq}: cameras {cameras} taken by {[one.callsign for one in holders]}"
         intended = {move.instance for move in moves_of(step, "command") if move.to_state == "intended"}
-        if {key_of(one.principal_id, one.command_id) for one in holders} - intended:
+        refused = [move for move in moves_of(step, "command") if move.to_state in ("rejected", "unsupported")]
+        names = {key_of(one.principal_id, one.command_id) for one in holders}
+        if names - intended - (had if refused else set()):
             yield f"step {step[0].seq}: a camera was taken by an order that did not pass its gates"
+        had |= names
 
 
 def effects_are_intended(steps: Steps) -> Iterator[str]:
@@ -106,7 +114,11 @@ def effects_are_intended(steps: Steps) -> Iterator[str]:
 
 
 def every_order_is_answered(steps: Steps) -> Iterator[str]:
-    """An arrival is answered once in its step, or intended there; each final move is answered once, finally."""
+    """An arrival is answered once in its step; each final move is answered once, finally.
+
+    Only a repeat may go unanswered, after two answers to others within a second.
+    """
+    repeats: dict[str, list[int]] = {}
     for step in steps:
         acks = [message for record in step if isinstance(message := record.message, SendAck)]
         moves = {move.instance: move.to_state for move in moves_of(step, "command")}
@@ -114,12 +126,37 @@ def every_order_is_answered(steps: Steps) -> Iterator[str]:
             key = key_of(order.issuer.principal_id, order.command_id)
             mine = [ack for ack in acks if key_of(ack.principal_id, ack.command_id) == key]
             failed = len(step) > 1 and step[1].kind.name == "step_failed"
-            if len(mine) != (0 if moves.get(key) == "intended" or failed else 1):
+            recent = [at_ns for at_ns in repeats.get(key, []) if step[0].at.flight_ns < at_ns + SECOND_NS]
+            if len(mine) != (0 if failed or len(recent) > 1 else 1):
                 yield f"step {step[0].seq}: {key} is answered {len(mine)} times"
+            if key not in moves:
+                repeats.setdefault(key, []).extend(step[0].at.flight_ns for _ in mine)
         for key in (key for key, state in moves.items() if state in FINAL):
             final = [ack for ack in acks if key_of(ack.principal_id, ack.command_id) == key and ack.final]
             if len(final) != 1:
                 yield f"step {step[0].seq}: {key} ended and is answered {len(final)} times"
+
+
+def answers_stand(steps: Steps) -> Iterator[str]:
+    """The first final answer to an order is the only one: repeats hear the same, and nothing undecided follows."""
+    final: dict[str, tuple[object, ...]] = {}
+    bodies: dict[str, bytes] = {}
+    for step in steps:
+        order, key = step[0].message, ""
+        if isinstance(order, OrderReceived):
+            key = key_of(order.issuer.principal_id, order.command_id)
+            if bodies.setdefault(key, order.body_digest) != order.body_digest:
+                continue  # another body under the id: refused, which is no answer to the order
+        for record in step:
+            ack = record.message
+            if not isinstance(ack, SendAck) or isinstance(order, OrderMalformed):
+                continue
+            told = ack.result, ack.detail, ack.mav_result
+            one = key_of(ack.principal_id, ack.command_id)
+            if one in final and (not ack.final or told != final[one]):
+                yield f"record {record.seq} takes back what {one} was told"
+            if ack.final:
+                final[one] = told
 
 
 def people_are_not_flooded(steps: Steps) -> Iterator[str]:
@@ -183,6 +220,7 @@ MONITORS: tuple[Monitor, ...] = (
     one_master,
     effects_are_intended,
     every_order_is_answered,
+    answers_stand,
     people_are_not_flooded,
     only_people_judge,
     hands_off,

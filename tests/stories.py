@@ -29,13 +29,21 @@ from events.schema.findings_pb2 import (
     SightingsClassified,
 )
 from events.schema.flight_pb2 import NodeStarted, StepFailed, TimePassed
-from events.schema.orders_pb2 import AckResult, OrderReceived, SendAck
+from events.schema.orders_pb2 import (
+    ACK_STAGE_IN_PROGRESS,
+    ACK_STAGE_RECEIVED,
+    ACK_STAGE_SENT,
+    AckResult,
+    OrderReceived,
+    SendAck,
+)
 from events.schema.trust_pb2 import EpochTaken, RevocationsTaken, RootTaken, TimeLearned
 from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing, VehicleLinkChanged
 from tests import flights
 from tests.flights import FLIGHT_ID, NS_PER_MS, Flight
 
 MS_PER_S = 1000
+STAGES: dict[int, str] = {ACK_STAGE_RECEIVED: "received", ACK_STAGE_SENT: "sent", ACK_STAGE_IN_PROGRESS: "in progress"}
 EFFECTS = ("point_at_place", "point_at_angles", "release_pointing")
 
 
@@ -221,8 +229,8 @@ def _ack(record: Record) -> SendAck:
 def words_of(story: Story, record: Record) -> str:
     """Return a decision in words."""
     match record.message:
-        case SendAck(command_id=name, final=False):
-            return f"{name} received"
+        case SendAck(command_id=name, final=False, stage=stage, duplicate=duplicate):
+            return f"{name} {STAGES.get(stage, 'undecided')}{' again' * duplicate}"
         case SendAck(command_id=name, result=result, duplicate=duplicate):
             again = " again" * duplicate
             return f"{name} {AckResult.Name(result).removeprefix('ACK_').lower()}{again}"

@@ -65,6 +65,7 @@ def summary(config: Config) -> list[str]:
     orders = "not taken ([command] enabled = false)"
     if config.command.enabled:
         orders = f"taken; the camera from roles {', '.join(config.command.camera_roles) or 'none: nobody may point it'}"
+        orders += f"; the flight from roles {', '.join(config.command.flight_roles) or 'none'}"
     looks = {"file": f"file {eyes.path}", "device": f"camera {eyes.device}", "external": f"detector at {eyes.endpoint}"}
     pose = "fixed pose" if eyes.pose else "pose from the vehicle"
     return [

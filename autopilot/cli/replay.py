@@ -17,6 +17,7 @@ from autopilot.cli.bar import Bar
 from autopilot.cli.blaming import blamed, tell_blame
 from autopilot.cli.copies import tell_recovered
 from autopilot.cli.flight import USAGE, folder_of, with_flight
+from autopilot.cli.givers import givers
 from autopilot.cli.redactions import redactions_of, told
 from autopilot.cli.seeking import show_at
 from autopilot.trust.notes import NoteInvalid
@@ -68,7 +69,11 @@ _SHOW = """\
 Print a flight's records, one a line: seconds of the flight, seq, kind, and what it says. With --at: the state after one
 record instead, from the nearest snapshot before it: which tables have how many rows, and what was open.
 """
-_WHY = "Print what led to a record, back to the observation that it came from, and everything that it led to."
+_WHY = """\
+Print what led to a record, back to the observation that it came from, and everything that it led to. Where an order
+led to it, its envelope is checked, without the group key: who signed it, with which key, that the Directory vouches for
+that key, and that it was for this node.
+"""
 
 
 def add(commands: Any) -> None:
@@ -220,18 +225,22 @@ def _show_at(flight: str, seq: int, *, as_json: bool) -> int:
 def run_why(args: argparse.Namespace) -> int:
     """Print causes and consequences of a record; return the exit code."""
     try:
-        return with_flight(args.flight, lambda reader: _why(reader, args.seq, as_json=args.json))
+        return with_flight(
+            args.flight, lambda reader: _why(reader, folder_of(args.flight), args.seq, as_json=args.json)
+        )
     except LookupError as error:
         return _wrong(str(error))
 
 
-def _why(reader: Reader, seq: int, *, as_json: bool) -> int:
+def _why(reader: Reader, folder: Path, seq: int, *, as_json: bool) -> int:
     causes, led_to = chain(reader, seq), tuple(consequences(reader, seq))
+    signed = givers(reader, folder, [shown.seq for shown in causes])
     if as_json:
-        print(json.dumps({"causes": _plain(causes), "led_to": _plain(led_to)}, sort_keys=True))
+        print(json.dumps({"causes": _plain(causes), "led_to": _plain(led_to), "signed": signed}, sort_keys=True))
         return os.EX_OK
     print("because of (newest first):")
     _print(map(line_text, causes))
+    _print(f"record {order}: {words}" for order, words in signed.items())
     print("led to:" if led_to else "led to nothing")
     return _print(map(line_text, led_to))
 

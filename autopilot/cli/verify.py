@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from autopilot.ground.consistency import Consistent, check_consistent, is_consistency
+from autopilot.ground.ordered import ProvedOrder
 from autopilot.ground.verifier import BYTES_MAX, ProofRefused, Proved, check
 from events.records import Moment, Stored
 from replay.causes import line
@@ -26,12 +27,15 @@ _EXAMPLES = """\
 examples:
   autopilot verify proof.json
   autopilot verify proof.json --root node/keys/trust_root
+  autopilot verify proof.json --root node/keys/trust_root --revocations node/keys/revocations
 
 exit codes: 0 it holds, 65 it does not, 66 there is no such file
 """
 _DESCRIPTION = """\
 Check a proof that `autopilot export proof` or `autopilot export consistency` wrote, and say what it proves and what
-not. Nothing but the file is needed; with --root the proof must rest on the trust root that you have yourself.
+not: where an order led to it, also who signed that order, and that it was for this node. Nothing but the file is
+needed; with --root the proof must rest on the trust root that you have yourself, with --revocations nobody who gave an
+order of it may be on that list.
 """
 
 
@@ -46,6 +50,7 @@ def add(commands: Any) -> None:
     )
     made.add_argument("file", metavar="FILE", help="the proof")
     made.add_argument("--root", default="", metavar="FILE", help="trust root that you know to be the right one")
+    made.add_argument("--revocations", default="", metavar="FILE", help="revocation list of the Directory")
     made.add_argument("--json", action="store_true", help="print what is proved as one JSON object")
     made.set_defaults(run=run)
 
@@ -55,13 +60,14 @@ def run(args: argparse.Namespace) -> int:
     try:
         data = _read(args.file)
         root = _read(args.root) if args.root else None
+        revocations = _read(args.revocations) if args.revocations else None
     except OSError as error:
         print(f"autopilot verify: {error.filename}: {error.strerror}", file=sys.stderr)
         return os.EX_NOINPUT
     try:
         if is_consistency(data):
             return _told(check_consistent(data, root), as_json=args.json)
-        proved = check(data, root)
+        proved = check(data, root, revocations)
     except ProofRefused as error:
         print(f"autopilot verify: refused: {error}", file=sys.stderr)
         return os.EX_DATAERR
@@ -69,6 +75,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(_plain(proved), sort_keys=True))
         return os.EX_OK
     print(proved.words())
+    for text in proved.order_words():
+        print(text)
     for text in _lines(proved):
         print(text)
     return os.EX_OK
@@ -95,6 +103,11 @@ def _plain_consistent(proved: Consistent) -> dict[str, Any]:
     }
 
 
+def _plain_order(order: ProvedOrder) -> dict[str, Any]:
+    keys = {"device_key": order.device_key.hex(), "token_key": order.token_key.hex()}
+    return asdict(order) | keys | {"words": order.words()}
+
+
 def _read(path: str) -> bytes:
     with Path(path).open("rb") as file:
         return file.read(BYTES_MAX + 1)
@@ -118,5 +131,6 @@ def _plain(proved: Proved) -> dict[str, Any]:
         "trust_root_sha256": proved.trust_root,
         "cosigners": [asdict(one) for one in proved.cosigners],
         "records": [one.seq for one in proved.records],
+        "orders": [_plain_order(one) for one in proved.orders],
         "words": proved.words(),
     }

@@ -1,34 +1,51 @@
 """An operator's side of the mesh: orders out, answers and status in, believed only when they prove themselves.
 
-It is a library with a thread; what it knows is gone with the process. An audit of its own is not kept here.
+A shell and a page both stand on this library:
+
+    with Issuer(load_identity("keys/alice"), ["tcp/127.0.0.1:7447"]) as issuer:
+        order = issuer.send("wasp-01", point_at_place(52.1, 4.3, 12))  # a row is durable, then it leaves
+        answer = issuer.wait(order, told=print)  # received, sent, in progress, then the last word
+        issuer.wait_pointing(order).words()  # "arrived, 0.4 deg off, after 2.1 s"
+        issuer.commander("wasp-01", camera=1), issuer.permissions("wasp-01"), issuer.history()
+
+It is a library with a thread. Every method may be called from any thread; what is returned is a value, but for `Order`,
+whose `answer` the library replaces. While an order lives it is published each second as a fresh envelope with the same
+id, body and number. An ack changes something only when the gate has verified, opened and decoded it, and the ledger
+found it to answer an envelope of ours; only then a row is written, and only then waiters are told.
 """
 
 from __future__ import annotations
 
 import os
 import threading
+import time
 import uuid
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from autopilot.adapters.mesh.link import Link, LinkDown, Wire
-from autopilot.ground.ledger import Answer, Ledger, Order, OrderNumbers, read_ack, read_status
+from autopilot.ground.following import Commander, Permission, Pointing, attribute, permissions, pointing
+from autopilot.ground.issued import AuditRow, Begun, IssuedStore, NotRecorded
+from autopilot.ground.ledger import GRACE_NS, Answer, Ledger, Order, check_life, read_ack, read_status
 from autopilot.ground.witness import Witness
-from autopilot.trust.clock import Clock, HostClock
+from autopilot.trust.clock import Clock, HostClock, wall_ms
 from autopilot.trust.envelope import MessageType, Packer, PackError
 from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import Random
-from autopilot.trust.limits import ORDER_TTL_MS, TTL_MS_MAX
+from autopilot.trust.limits import ORDER_TTL_MS
 from autopilot.trust.tally import Tally
 from autopilot.trust.verdict import Opened
 from autopilot.wire.keys import ack_address, acks_of, cosign_key, order_key, proof_key, status_key, status_node
 from events.schema.waypoint_pb2 import CheckpointCosignature, CommandAck, DeviceCommand, NodeStatus, PrincipalKind
 
 NODES = frozenset({PrincipalKind.NODE})
-ANSWER_GRACE_S = 2.0  # an answer may still be on its way when the order's life ends
+ANSWER_GRACE_S = GRACE_NS / 1e9
+POINTING_S = 15.0  # longer than a node waits for its gimbal
+CHALLENGE_BYTES = 16
 
 
 class UnknownNode(Exception):
@@ -66,8 +83,10 @@ class Issuer:
         self._random = random
         self._wire = wire or Link(mode=mode, connect=connect, listen=listen, reconnect_ms=reconnect_ms)
         self._packer = Packer(identity, self._clock, random)
-        self._numbers = OrderNumbers(identity.folder / "order_seq", self._clock)
-        self._ledger = Ledger()
+        self._store = IssuedStore(identity.folder)
+        self._unrecorded: list[str] = []
+        self._ledger = Ledger(self._record_last_word)
+        self._commanders: dict[tuple[str, int], Commander] = {}
         self._statuses: dict[str, SeenStatus] = {}
         self.witness = Witness(identity.folder, identity.deployment_id)
         self._complaints: dict[str, str] = {}
@@ -107,6 +126,7 @@ class Issuer:
         if self._thread.is_alive():
             self._thread.join(timeout=5)
         self._wire.stop()
+        self._store.close()
 
     def __enter__(self) -> Issuer:
         self.start()
@@ -133,9 +153,11 @@ class Issuer:
     def send(self, node: str, command: DeviceCommand, life_s: float = ORDER_TTL_MS / 1000) -> Order:
         """Give an order; it is published until its final answer, again every second, for `life_s`.
 
-        `command` says what is ordered (see `compose`); id and target are filled in here. Raises
-        UnknownNode, and ValueError for a life outside what a node takes.
+        `command` says what is ordered (see `compose`); id and target are filled in here. When this returns,
+        its pending row is durable, and nothing has left. Raises UnknownNode, NotRecorded, and ValueError for a
+        life outside what a node takes.
         """
+        check_life(life_s)
         key = self._node_keys.get(node)
         if key is None:
             raise UnknownNode(f"the key of {node} is not known; give it, or wait for the node's status")
@@ -144,22 +166,72 @@ class Issuer:
         complete.command_id = str(uuid.UUID(bytes=self._random(16), version=4))
         complete.target_node_pubkey = key
         content = complete.SerializeToString(deterministic=True)
-        return self._add(node, key, complete.command_id, content, self._numbers.next(), life_s)
+        begun = self._store.begin(
+            node, complete.command_id, content, self._identity.principal_id, wall_ms(self._clock), int(life_s * 1000)
+        )
+        return self._add(node, key, complete.command_id, content, begun, life_s)
 
     def repeat(self, order: Order, life_s: float = ORDER_TTL_MS / 1000) -> Order:
-        """Send the same order once more: same id, body and number, in envelopes of its own."""
-        return self._add(order.node, order.node_key, order.command_id, order.content, order.order_seq, life_s)
+        """Send the same order once more: same id, body and number, in envelopes of its own. Raises as `send` does."""
+        check_life(life_s)
+        begun = self._store.again(order.row, wall_ms(self._clock), int(life_s * 1000))
+        return self._add(order.node, order.node_key, order.command_id, order.content, begun, life_s)
 
     def publish_raw(self, key_expr: str, payload: bytes) -> None:
         """Publish bytes as they are, for showing what a node does with garbage and replays. Raises LinkDown."""
         self._wire.put(key_expr, payload, urgent=True)
 
-    def wait(self, order: Order, timeout_s: float | None = None) -> Answer:
-        """Wait for the final answer; return the best that is known when time is up."""
+    def wait(
+        self, order: Order, timeout_s: float | None = None, told: Callable[[Answer], None] = lambda _: None
+    ) -> Answer:
+        """Wait for the final answer; return the best that is known when time is up.
+
+        `told` is called on this thread with every answer that is not the last word, as it comes.
+        """
         left_s = max(0.0, (order.ends_mono_ns - self._clock.mono_ns()) / 1e9) + ANSWER_GRACE_S
-        with self._ledger.changed:
-            self._ledger.changed.wait_for(lambda: order.is_done, left_s if timeout_s is None else timeout_s)
+        ends_s, known = time.monotonic() + (left_s if timeout_s is None else timeout_s), Answer()
+        while not order.is_done:
+            with self._ledger.changed:
+                left_s = ends_s - time.monotonic()
+                if not self._ledger.changed.wait_for(partial(_differs, order, known), max(0.0, left_s)):
+                    break
+                known = order.answer
+            if known.state == "pending":
+                told(known)
         return order.answer
+
+    def wait_pointing(self, order: Order, camera: int = 1, timeout_s: float = POINTING_S) -> Pointing:
+        """Wait until the node says what its gimbal did for an accepted order; return what is known when time is up."""
+        since_seq = order.answer.event_seq or 0
+
+        def seen(status: NodeStatus) -> Pointing:
+            return pointing(status, order.command_id, camera, since_seq)
+
+        found = self.wait_status(order.node, lambda status: seen(status).is_done, timeout_s) or self.status(order.node)
+        return Pointing() if found is None else seen(found.status)
+
+    def commander(self, node: str, camera: int = 1) -> Commander | None:
+        """Return who commanded a camera last, as far as the node's status has said since `watch`; None: unknown."""
+        with self._ledger.changed:
+            return self._commanders.get((node, camera))
+
+    def permissions(self, node: str) -> tuple[Permission, Permission] | None:
+        """Return what this operator may do to a node's cameras and flight, and why not; None before its status."""
+        seen, token = self.status(node), self._identity.token
+        if seen is None:
+            return None
+        expired = not token.not_before_ms <= wall_ms(self._clock) <= token.not_after_ms
+        revoked = self._identity.revocations.covers(token)
+        return permissions(seen.status, token.kind, token.roles, revoked=revoked, expired=expired)
+
+    def history(self) -> tuple[AuditRow, ...]:
+        """Return the issuer's own audit, oldest row first. Raises NotRecorded where it can't be read."""
+        return self._store.rows()
+
+    def unrecorded(self) -> tuple[str, ...]:
+        """Return why last words are missing in the audit; empty while none is."""
+        with self._ledger.changed:
+            return tuple(self._unrecorded)
 
     def status(self, node: str) -> SeenStatus | None:
         """Return the newest status of a node, or None before the first."""
@@ -237,6 +309,7 @@ class Issuer:
             if before is None or undated or before.undated or before.status.at_ms <= verdict.value.at_ms:
                 self._statuses[node] = SeenStatus(node, verdict.value, self._clock.mono_ns(), undated)
                 self._node_keys[node] = sender.public_key
+                attribute(self._commanders, node, verdict.value)
             self._ledger.changed.notify_all()
 
     def _bear_witness(self, node: str, public_key: bytes, status: NodeStatus) -> str:
@@ -247,24 +320,35 @@ class Issuer:
             return f"what it signed can't be kept: {error}"
 
     def turn(self) -> None:
-        """Publish what is due now."""
+        """Publish what is due now, and note what was not answered in its time."""
         now_mono_ns = self._clock.mono_ns()
+        for order in self._ledger.overdue(now_mono_ns):
+            self._record(order, "unanswered", detail=order.answer.detail)
         for order in self._ledger.due(now_mono_ns):
             if self._wire.linked():
                 self._publish(order, now_mono_ns)
             else:
                 self._ledger.postponed(order, now_mono_ns)
 
-    def _add(self, node: str, key: bytes, command_id: str, content: bytes, order_seq: int, life_s: float) -> Order:
-        if not 0 < life_s * 1000 <= TTL_MS_MAX:
-            raise ValueError(f"an order lives more than 0 and at most {TTL_MS_MAX // 1000} s, not {life_s}")
+    def _record_last_word(self, order: Order, answer: Answer) -> None:
+        self._record(order, "final", result=answer.result or answer.state, detail=answer.detail)
+
+    def _record(self, order: Order, state: str, *, result: str = "", detail: str = "") -> None:
+        """Write what came of an order. Where that fails the answer still counts: it is the row that is missing."""
+        try:
+            self._store.end(order.row, state, at_ms=wall_ms(self._clock), result=result, detail=detail)
+        except NotRecorded as error:
+            self._unrecorded.append(str(error))
+
+    def _add(self, node: str, key: bytes, command_id: str, content: bytes, begun: Begun, life_s: float) -> Order:
         now_mono_ns = self._clock.mono_ns()
         order = Order(
             node=node,
             node_key=key,
             command_id=command_id,
             content=content,
-            order_seq=order_seq,
+            order_seq=begun.order_seq,
+            row=begun.row,
             ends_mono_ns=now_mono_ns + int(life_s * 1e9),
             due_mono_ns=now_mono_ns,
         )
@@ -278,7 +362,12 @@ class Issuer:
         ttl_ms = max(1, (order.ends_mono_ns - now_mono_ns) // 1_000_000)
         try:
             packed = self._packer.pack(
-                MessageType.ORDER, key_expr, order.content, ttl_ms=ttl_ms, order_seq=order.order_seq
+                MessageType.ORDER,
+                key_expr,
+                order.content,
+                ttl_ms=ttl_ms,
+                order_seq=order.order_seq,
+                node_challenge=self._challenge_of(order.node),
             )
         except PackError as error:
             self._ledger.failed(order, str(error))
@@ -288,6 +377,12 @@ class Issuer:
             self._wire.put(key_expr, packed.envelope, urgent=True)
         except LinkDown:
             self._ledger.postponed(order, now_mono_ns)
+
+    def _challenge_of(self, node: str) -> bytes:
+        """Return the challenge that a node whose time is uncertain wants to see again; empty: it wants none."""
+        seen = self._statuses.get(node)
+        challenge = b"" if seen is None else seen.status.node_challenge
+        return challenge if len(challenge) == CHALLENGE_BYTES else b""
 
     def _run(self) -> None:
         while not self._stopped:
@@ -302,3 +397,7 @@ class Issuer:
     def _is_watched_ack(self, key_expr: str) -> bool:
         address = ack_address(key_expr)
         return address is not None and address.node in self._watched
+
+
+def _differs(order: Order, known: Answer) -> bool:
+    return order.answer is not known

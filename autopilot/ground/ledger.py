@@ -1,28 +1,28 @@
 """Orders that were sent, and which answers to them may be believed.
 
 It publishes nothing and verifies no signature: it is told what left and what the gate opened, and
-keeps each order's state. A final answer never changes.
+keeps each order's state. What is known of an order only grows: received, sent, in progress, then one
+final answer, which never changes, however answers are delayed, doubled or reordered.
 """
 
 from __future__ import annotations
 
-import fcntl
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from google.protobuf.message import DecodeError
 
-from autopilot.trust.clock import Clock, wall_ms
 from autopilot.trust.envelope import Packed
-from autopilot.trust.keys import write_file
+from autopilot.trust.limits import TTL_MS_MAX
 from autopilot.trust.verdict import Sealed, Unreadable
 from autopilot.wire.keys import ack_address
-from events.schema.waypoint_pb2 import AckResult, CommandAck, NodeStatus, ResultState
+from events.schema.waypoint_pb2 import AckResult, CommandAck, NodeStatus, OrderStage, ResultState
 
 REPUBLISH_NS = 1_000_000_000  # an order is published again this often while it lives
 LOOK_AGAIN_NS = 100_000_000  # how soon a link that is down is looked at again
+GRACE_NS = 2_000_000_000  # an answer may still be on its way when the order's life ends
 ENVELOPES_MAX = 4096  # envelopes whose answers are still taken; older ones are forgotten
 
 RESULTS = {
@@ -32,6 +32,11 @@ RESULTS = {
     AckResult.ACK_UNSUPPORTED: "unsupported",
     AckResult.ACK_UNAUTHORISED: "unauthorised",
 }
+
+
+STAGES = {OrderStage.RECEIVED: "received", OrderStage.SENT: "sent", OrderStage.IN_PROGRESS: "in progress"}
+_LADDER = ("", *STAGES.values())
+_STATES = ("waiting", "pending", "final")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,6 +50,9 @@ class Answer:
     mav_result: int | None = None
     event_seq: int | None = None  # record of the node's log that holds the answer
     acked_at_ms: int = 0  # the node's clock, milliseconds since 1970
+    stage: str = ""  # of a pending order: received, sent, in progress; "" where the node did not take it on
+    revocation_version: int | None = None  # list that the node holds
+    time_quality: int | None = None  # of the node's clock: 0 unset, 1 bounded, 2 trusted
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -60,6 +68,7 @@ class Order:
     due_mono_ns: int
     answer: Answer = field(default_factory=Answer)
     envelopes: list[bytes] = field(default_factory=list)  # as published, oldest first
+    row: int = 0  # its pending row in the issuer's store
 
     @property
     def is_done(self) -> bool:
@@ -70,8 +79,11 @@ class Order:
 class Ledger:
     """Every order of one issuer. Safe from several threads."""
 
-    def __init__(self) -> None:
+    def __init__(self, settled: Callable[[Order, Answer], None] = lambda *_: None) -> None:
+        """Make an empty ledger; `settled` is told of a last word before anybody who waits for it."""
+        self._settled = settled
         self._open: list[Order] = []
+        self._unanswered: list[Order] = []
         self._by_envelope: OrderedDict[bytes, Order] = OrderedDict()
         self._refused: dict[str, int] = {}
         self.changed = threading.Condition()
@@ -80,7 +92,17 @@ class Ledger:
         """Take an order that is to be sent."""
         with self.changed:
             self._open.append(order)
+            self._unanswered.append(order)
             self.changed.notify_all()
+
+    def overdue(self, now_mono_ns: int) -> list[Order]:
+        """Return the orders whose last word has not come in their time, each once."""
+        with self.changed:
+            over = [
+                order for order in self._unanswered if order.is_done or order.ends_mono_ns + GRACE_NS <= now_mono_ns
+            ]
+            self._unanswered = [order for order in self._unanswered if order not in over]
+            return [order for order in over if not order.is_done]
 
     def due(self, now_mono_ns: int) -> list[Order]:
         """Return the orders to publish now; forget those that are done or whose life is over."""
@@ -91,7 +113,8 @@ class Ledger:
     def next_due(self) -> int | None:
         """Return when an order must be published next, monotonic nanoseconds; None: nothing waits."""
         with self.changed:
-            return min((order.due_mono_ns for order in self._open if not order.is_done), default=None)
+            ends = [order.ends_mono_ns + GRACE_NS for order in self._unanswered if not order.is_done]
+            return min((*(order.due_mono_ns for order in self._open if not order.is_done), *ends), default=None)
 
     def postponed(self, order: Order, now_mono_ns: int) -> None:
         """Note that the link was down."""
@@ -143,34 +166,17 @@ class Ledger:
 
     def _settle(self, order: Order, answer: Answer) -> None:
         with self.changed:
-            if not order.is_done:
+            if not order.is_done and _rank(answer) >= _rank(order.answer):
+                if answer.state in ("final", "failed"):
+                    self._settled(order, answer)
                 order.answer = answer
             self.changed.notify_all()
 
 
-class OrderNumbers:
-    """Running numbers of an operator's orders, kept in a file so that they grow over restarts."""
-
-    def __init__(self, path: Path, clock: Clock) -> None:
-        self._path = path
-        self._clock = clock
-
-    def next(self) -> int:
-        """Return the next number: above the stored one, and not below the wall clock in milliseconds.
-
-        The file is replaced in one step; a lock beside it keeps two shells apart. Raises OSError.
-        """
-        with self._path.with_suffix(".lock").open("a") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            number = max(self._stored() + 1, wall_ms(self._clock))
-            write_file(self._path, f"{number}\n".encode())
-        return number
-
-    def _stored(self) -> int:
-        try:
-            return int(self._path.read_text("ascii"))
-        except (FileNotFoundError, ValueError):
-            return 0
+def check_life(life_s: float) -> None:
+    """Raise ValueError for a life outside what a node takes."""
+    if not 0 < life_s * 1000 <= TTL_MS_MAX:
+        raise ValueError(f"an order lives more than 0 and at most {TTL_MS_MAX // 1000} s, not {life_s}")
 
 
 def read_ack(_message: Sealed, content: bytes) -> CommandAck:
@@ -201,6 +207,13 @@ def read_status(_message: Sealed, content: bytes) -> NodeStatus:
     return status
 
 
+def _rank(answer: Answer) -> tuple[int, int]:
+    """Return how much an answer says; nobody who was told more is told less."""
+    if answer.state == "failed":
+        return len(_STATES), 0
+    return _STATES.index(answer.state), _LADDER.index(answer.stage)
+
+
 def _answer(ack: CommandAck) -> Answer:
     """A node that knows nothing of result_state (seed 000) sends its last word only."""
     return Answer(
@@ -211,4 +224,7 @@ def _answer(ack: CommandAck) -> Answer:
         mav_result=ack.mav_result if ack.HasField("mav_result") else None,
         event_seq=ack.event_seq if ack.HasField("event_seq") else None,
         acked_at_ms=ack.acked_at_ms,
+        stage=STAGES.get(ack.stage, "") if ack.result_state == ResultState.PENDING else "",
+        revocation_version=ack.revocation_version if ack.HasField("revocation_version") else None,
+        time_quality=ack.time_quality if ack.HasField("time_quality") else None,
     )

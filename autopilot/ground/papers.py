@@ -77,6 +77,7 @@ class Log:
     flight: int
     flight_id: bytes
     key: bytes
+    node_key: bytes
     token_key: bytes
     trust_root: str  # SHA-256 of the trust root's document, hex
 
@@ -87,7 +88,7 @@ def log_of(proof: dict[str, Any], trust_root: bytes | None) -> Log:
     require(trust_root is None or trust_root == root, "the proof rests on another trust root than the one given")
     deployment, token_key = trust_root_of(root)
     node, _, node_key = principal_of(token, deployment, token_key, kinds=(NODE,))
-    certificate = note_text(proof["log_key"], f"waypoint/{deployment}/{node}", node_key)
+    certificate = notename_of(proof["log_key"], f"waypoint/{deployment}/{node}", node_key)
     signer, _, _, flight, flight_id, log_key = fields_of(_LOG_KEY, certificate, "log_key")
     require(signer == f"waypoint/{deployment}/{node}", "log_key: certified for another node")
     return Log(
@@ -96,6 +97,7 @@ def log_of(proof: dict[str, Any], trust_root: bytes | None) -> Log:
         flight=int(flight),
         flight_id=bytes.fromhex(flight_id),
         key=base64_of(log_key, 32),
+        node_key=node_key,
         token_key=token_key,
         trust_root=hashlib.sha256(root).hexdigest(),
     )
@@ -106,7 +108,7 @@ def head_of(note: str, witnesses: Any, log: Log) -> Head:
     origin = f"waypoint/{log.deployment}/{log.node}/{log.flight}"
     tokens = texts_of(witnesses)
     _, *lines = note.rpartition("\n\n")[2].splitlines(keepends=True) or [""]
-    text = note_text(note[: len(note) - len("".join(lines))], origin, log.key)
+    text = notename_of(note[: len(note) - len("".join(lines))], origin, log.key)
     said, size, root, flight_ns = fields_of(_CHECKPOINT, text, "checkpoint")
     require(said == origin, "checkpoint: of another log than its key may sign")
     require(len(lines) == len(tokens), "checkpoint: not each of its witnesses has a token")
@@ -178,7 +180,7 @@ def signed_by(public_key: bytes, message: bytes, signature: bytes, what: str) ->
         raise ProofRefused(f"{what}: the signature does not match") from error
 
 
-def note_text(note: str, name: str, public_key: bytes) -> str:
+def notename_of(note: str, name: str, public_key: bytes) -> str:
     """Return the text of a signed note (C2SP signed-note) with exactly one signature, by this key and name."""
     text, _, last = note.rpartition("\n\n")
     text += "\n"
@@ -232,58 +234,67 @@ def parts_of(data: bytes, what: str) -> list[tuple[int, int | bytes]]:
     return parts
 
 
-def _one(parts: list[tuple[int, int | bytes]], number: int, what: str) -> bytes:
+def field_of(parts: list[tuple[int, int | bytes]], number: int, what: str) -> bytes:
+    """Return a field of bytes that must be there once. Raises ProofRefused."""
     found = [value for field, value in parts if field == number]
     if len(found) != 1 or not isinstance(found[0], bytes):
         raise ProofRefused(f"{what}: field {number} is not there once")
     return found[0]
 
 
-def _text(parts: list[tuple[int, int | bytes]], number: int, what: str) -> str:
-    text = _one(parts, number, what).decode("ascii", "replace")
+def name_of(parts: list[tuple[int, int | bytes]], number: int, what: str) -> str:
+    """Return a field that is the name of a principal or a deployment. Raises ProofRefused."""
+    text = field_of(parts, number, what).decode("ascii", "replace")
     require(re.fullmatch(r"[a-z0-9-]{1,64}", text) is not None, f"{what}: field {number} is no name")
     return text
 
 
-def _all(parts: list[tuple[int, int | bytes]], number: int) -> list[bytes]:
+def fields_all(parts: list[tuple[int, int | bytes]], number: int) -> list[bytes]:
+    """Return every field of bytes with this number."""
     return [value for field, value in parts if field == number and isinstance(value, bytes)]
 
 
-def _signed_body(document: bytes, context: bytes, keys: list[bytes], threshold: int, what: str) -> bytes:
+def signed_body(document: bytes, context: bytes, keys: list[bytes], threshold: int, what: str) -> bytes:
     """Return the signed bytes of a document; each of its signatures must match, by `threshold` different keys."""
     parts = parts_of(document, what)
-    body, signatures = _one(parts, 1, what), _all(parts, 2)
+    body, signatures = field_of(parts, 1, what), fields_all(parts, 2)
     require(len(parts) == 1 + len(signatures), f"{what}: has parts that are not known")
     count = struct.Struct("<Q").pack
     framed = count(2) + count(len(context)) + context + count(len(body)) + body
     known = {hashlib.blake2b(key, digest_size=16, person=b"wp.keyid.v1").digest(): key for key in keys}
     for signature in signatures:
         inner = parts_of(signature, what)
-        key = known.pop(_one(inner, 1, what), None)
+        key = known.pop(field_of(inner, 1, what), None)
         require(len(inner) == 2 and key is not None, f"{what}: signed by a key that is not known, or twice")
         assert key is not None
-        signed_by(key, framed, _one(inner, 2, what), what)
+        signed_by(key, framed, field_of(inner, 2, what), what)
     require(len(signatures) >= max(threshold, 1), f"{what}: signed by fewer keys than it needs")
     return body
 
 
 def trust_root_of(document: bytes) -> tuple[str, bytes]:
     """Return the deployment and the key that signs tokens. A root is signed by the keys that it names itself."""
+    return purpose_of(document, b"token")
+
+
+def purpose_of(document: bytes, purpose: bytes) -> tuple[str, bytes]:
+    """Return the deployment of a trust root and the key that it names for a purpose."""
     what = "trust_root"
-    root = parts_of(_one(parts_of(document, what), 1, what), what)
+    root = parts_of(field_of(parts_of(document, what), 1, what), what)
     threshold = next((value for field, value in root if field == 5 and isinstance(value, int)), 0)
-    _signed_body(document, b"waypoint/v1/TrustRoot", _all(root, 6), threshold, what)
-    purposes = [parts_of(entry, what) for entry in _all(root, 7)]
-    keys = [_one(entry, 2, what) for entry in purposes if _one(entry, 1, what) == b"token"]
-    require(len(keys) == 1, "trust_root: names no key that signs tokens")
-    return _text(root, 2, what), keys[0]
+    signed_body(document, b"waypoint/v1/TrustRoot", fields_all(root, 6), threshold, what)
+    purposes = [parts_of(entry, what) for entry in fields_all(root, 7)]
+    keys = [field_of(entry, 2, what) for entry in purposes if field_of(entry, 1, what) == purpose]
+    kind = {b"token": "tokens", b"revoke": "revocation lists"}[purpose]
+    require(len(keys) == 1, f"trust_root: names no key that signs {kind}")
+    return name_of(root, 2, what), keys[0]
 
 
 def principal_of(document: bytes, deployment: str, token_key: bytes, kinds: tuple[int, ...]) -> tuple[str, str, bytes]:
     """Return name, callsign and key of a principal of one of these kinds."""
-    token = parts_of(_signed_body(document, b"waypoint/v1/IdentityToken", [token_key], 1, "token"), "token")
-    require(_text(token, 2, "token") == deployment, "token: of another deployment")
+    token = parts_of(signed_body(document, b"waypoint/v1/IdentityToken", [token_key], 1, "token"), "token")
+    require(name_of(token, 2, "token") == deployment, "token: of another deployment")
     what = "a node's" if kinds == (NODE,) else "a witness's"
     require(any((4, kind) in token for kind in kinds), f"token: is not {what}")
-    callsign = b"".join(_all(token, 12)).decode("utf-8", "replace")
-    return _text(token, 3, "token"), callsign, _one(token, 5, "token")
+    callsign = b"".join(fields_all(token, 12)).decode("utf-8", "replace")
+    return name_of(token, 3, "token"), callsign, field_of(token, 5, "token")

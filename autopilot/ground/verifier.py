@@ -1,20 +1,22 @@
 """Checks the proof of a decision, offline: written from docs/proof.md, so that it shares no mistake with who made it.
 
-It imports the standard library and, for the papers that a proof comes with, the file `papers` beside it, which adds one
-Ed25519 verification; nothing else of this repository. The two can be copied away and read alone. It opens no network
-and needs no key. A proof holds as a whole or not at all: every byte of the file is bound by a hash, a signature, or the
-one way in which it may be written. What a record means is not its business.
+It imports the standard library and two files beside it: `papers`, for the papers that a proof comes with, which adds
+one Ed25519 verification, and `ordered`, for who gave an order; nothing else of this repository. They can be copied away
+and read alone. It opens no network and needs no key. A proof holds as a whole or not at all: every byte of the file is
+bound by a hash, a signature, or the one way in which it may be written. What a record means is not its business.
 """
 
 from __future__ import annotations
 
 import hashlib
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from autopilot.ground.ordered import ORDER, Addressee, ProvedOrder, Revoked, check_order, read_revoked
 from autopilot.ground.papers import BYTES_MAX as BYTES_MAX
-from autopilot.ground.papers import Cosigner, base64_of, head_of, log_of, parts_of, read_file, require
+from autopilot.ground.papers import Cosigner, Log, base64_of, head_of, log_of, parts_of, read_file, require
 from autopilot.ground.papers import ProofRefused as ProofRefused
 
 FORMAT = "autopilot-proof/1"
@@ -58,6 +60,7 @@ class Proved:
     trust_root: str  # SHA-256 of the trust root's document, hex
     cosigners: tuple[Cosigner, ...]
     records: tuple[ProvedRecord, ...]  # the one in question first, then what led to it
+    orders: tuple[ProvedOrder, ...] = ()  # those of the records that are orders, and whose giver is proved too
 
     def words(self) -> str:
         """Return in one sentence what is proved and what is not."""
@@ -71,6 +74,13 @@ class Proved:
             f" not proved: that what was recorded is true, that the node's clocks were right, that its keys were in"
             f" nobody else's hands or not revoked, and what was recorded after those {self.size} records."
         )
+
+    def order_words(self) -> tuple[str, ...]:
+        """Return a sentence for each order among the records."""
+        proved = {one.seq: one.words() for one in self.orders}
+        orders = (one.seq for one in self.records if one.kind == ORDER)
+        unproved = "Not proved: who gave the order of record {}, for the log holds no envelope of it"
+        return tuple(proved.get(seq, unproved.format(seq)) for seq in orders)
 
     def _seen(self) -> str:
         """Return who had seen the log grow in order up to there, as a part of the sentence."""
@@ -86,8 +96,11 @@ class Proved:
         return f" (of {' and '.join(gone)} header and hash: what was said was removed{further})"
 
 
-def check(data: bytes, trust_root: bytes | None = None) -> Proved:
-    """Check a proof, which must rest on `trust_root` where you have that file yourself. Raises ProofRefused."""
+def check(data: bytes, trust_root: bytes | None = None, revocations: bytes | None = None) -> Proved:
+    """Check a proof, which must rest on `trust_root` where you have that file yourself. Raises ProofRefused.
+
+    Where you have the Directory's newest revocation list too, it must not name who gave an order of the proof.
+    """
     proof = read_file(data, FORMAT, ("checkpoint",), ("records", "witnesses"))
     records = proof["records"]
     require(isinstance(records, list) and bool(records), "the file shows no records")
@@ -96,6 +109,7 @@ def check(data: bytes, trust_root: bytes | None = None) -> Proved:
     head = head_of(proof["checkpoint"], proof["witnesses"], log)
     found = [_record(one, log.flight_id, head.size, head.root) for one in records]
     _chained(found)
+    revoked = read_revoked(revocations, base64_of(proof["trust_root"])) if revocations is not None else None
     return Proved(
         deployment=log.deployment,
         node=log.node,
@@ -106,6 +120,7 @@ def check(data: bytes, trust_root: bytes | None = None) -> Proved:
         trust_root=log.trust_root,
         cosigners=head.cosigners,
         records=tuple(found),
+        orders=tuple(_orders(found, log, revoked)),
     )
 
 
@@ -167,6 +182,15 @@ def _chained(records: list[ProvedRecord]) -> None:
             )
         else:
             require(led_from == cause.seq < effect.seq, f"record {cause.seq}: did not lead to record {effect.seq}")
+
+
+def _orders(records: list[ProvedRecord], log: Log, revoked: Revoked | None) -> Iterator[ProvedOrder]:
+    """Yield the orders among the records whose giver is proved; one whose envelope does not hold refuses the proof."""
+    to = Addressee(log.deployment, log.node, log.node_key, log.token_key)
+    for one in records:
+        order = check_order(one.seq, one.body, to, revoked) if one.kind == ORDER else None
+        if order is not None:
+            yield order
 
 
 def _answered(record: ProvedRecord) -> int:

@@ -99,6 +99,8 @@ class Board:
             head_seq=max(self._status.head_seq, 0),
             health=picture.health,
             command_enabled=picture.command_enabled,
+            camera_roles=picture.camera_roles,
+            flight_roles=picture.flight_roles,
             vehicle_link=any(vehicle.link for vehicle in picture.vehicles.values()),
             armed=any(vehicle.armed for vehicle in picture.vehicles.values()),
             cameras=[_camera(camera, picture, now_ns) for camera in picture.cameras.values()],

@@ -36,6 +36,7 @@ def _limits(config: Config) -> Limits:
     return Limits(
         command_enabled=command.enabled,
         camera_roles=sorted(command.camera_roles),
+        flight_roles=sorted(command.flight_roles),
         operator_hold_ms=_thousandths(command.operator_hold_s),
         release_pause_ms=_thousandths(command.release_pause_s),
         arrival_tolerance_cdeg=_hundredths(limits.arrival_tolerance_deg),

@@ -1,9 +1,9 @@
 """The one loop: drain, decide, commit, hand over (design, section 3).
 
 One thread owns state and log. What waits in the inbox is taken through the core as a batch; the batch is committed at
-once when it holds a SYNC record or an effect, else within `commit_within_ms`; and only what is durable is handed to
-the performers. When the disk does not keep up, orders are refused; when it fails, the loop ends and so does the
-process, for a write that failed once can't be believed the second time.
+once when it holds a SYNC record or an effect whose outcome is awaited, else within `commit_within_ms`; and only what is
+durable is handed to the performers. When the disk does not keep up, orders are refused; when it fails, the loop ends
+and so does the process, for a write that failed once can't be believed the second time.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from autopilot.ports.edges import Clock
 from events.kinds import Role, UnknownKind
 from events.records import BodyBroken, Record
 from events.schema import flight_pb2
-from events.schema.orders_pb2 import AckPublished
+from events.schema.orders_pb2 import AckPublished, SendAck
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered
 from events.store import StoreFailed
 from events.store.reserve import RESERVE_BYTES
@@ -148,7 +148,7 @@ class NodeLoop(threading.Thread):
         self._pending.extend(session.observe(observation))
 
     def _must_commit(self) -> bool:
-        return any(record.kind.sync or record.kind.role is Role.EFFECT for record in self._pending)
+        return any(record.kind.sync or _is_awaited(record) for record in self._pending)
 
     def _commit(self, session: Session) -> None:
         self._inbox.commit_began()
@@ -167,8 +167,9 @@ class NodeLoop(threading.Thread):
         self._watch_arming(session)
 
     def _hand_over(self, record: Record) -> None:
-        if record.kind.role is Role.EFFECT:
+        if _is_awaited(record):
             self._awaited.add(record.seq)
+        if record.kind.role is Role.EFFECT:
             self._perform(record)
 
     def _note(self, session: Session, record: Record) -> None:
@@ -245,3 +246,9 @@ class NodeLoop(threading.Thread):
 
 def _armed(session: Session) -> bool:
     return any(vehicle.armed for vehicle in session.state.vehicles.values())
+
+
+def _is_awaited(record: Record) -> bool:
+    """Whether a record is an effect with an outcome; an answer that is not the last word has none, and can wait."""
+    passing = isinstance(record.message, SendAck) and not record.message.final
+    return record.kind.role is Role.EFFECT and not passing

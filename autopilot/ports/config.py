@@ -34,6 +34,7 @@ class CommandSection(Section):
 
     enabled: bool = Field(False, description="False: every order is answered ACK_UNSUPPORTED.")
     camera_roles: tuple[str, ...] = Field((), description="Roles that may point the camera. Empty: nobody.")
+    flight_roles: tuple[str, ...] = Field((), description="Roles that may command the flight. Empty: nobody.")
     operator_hold_s: float = Field(60, gt=0, le=3600, description="An operator keeps the camera this long.")
     overdue_camera_h: float = Field(
         72, ge=0, le=8760, description="The camera may be ordered while the revocation list is overdue by this."

@@ -203,6 +203,7 @@ class CameraTaken(_message.Message):
     PRINCIPAL_ID_FIELD_NUMBER: _builtins.int
     CALLSIGN_FIELD_NUMBER: _builtins.int
     COMMAND_ID_FIELD_NUMBER: _builtins.int
+    HELD_FOR_MS_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     camera: _builtins.int
@@ -213,6 +214,8 @@ class CameraTaken(_message.Message):
     """Its callsign."""
     command_id: _builtins.str
     """The order that took it."""
+    held_for_ms: _builtins.int
+    """What is left of the hold, in milliseconds, where it goes back to who had it; absent: a whole hold begins."""
     def __init__(
         self,
         *,
@@ -221,10 +224,11 @@ class CameraTaken(_message.Message):
         principal_id: _builtins.str | None = ...,
         callsign: _builtins.str | None = ...,
         command_id: _builtins.str | None = ...,
+        held_for_ms: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["callsign", b"callsign", "camera", b"camera", "command_id", b"command_id", "principal_id", b"principal_id", "vehicle", b"vehicle"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["callsign", b"callsign", "camera", b"camera", "command_id", b"command_id", "held_for_ms", b"held_for_ms", "principal_id", b"principal_id", "vehicle", b"vehicle"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["callsign", b"callsign", "camera", b"camera", "command_id", b"command_id", "principal_id", b"principal_id", "vehicle", b"vehicle"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["callsign", b"callsign", "camera", b"camera", "command_id", b"command_id", "held_for_ms", b"held_for_ms", "principal_id", b"principal_id", "vehicle", b"vehicle"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

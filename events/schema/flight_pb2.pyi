@@ -114,6 +114,7 @@ class Limits(_message.Message):
     OWN_COMMAND_LIFE_MS_FIELD_NUMBER: _builtins.int
     OVERDUE_CAMERA_MS_FIELD_NUMBER: _builtins.int
     OVERDUE_FLIGHT_MS_FIELD_NUMBER: _builtins.int
+    FLIGHT_ROLES_FIELD_NUMBER: _builtins.int
     command_enabled: _builtins.bool
     """Whether orders are taken at all (seed 000: off by default)."""
     operator_hold_ms: _builtins.int
@@ -166,6 +167,10 @@ class Limits(_message.Message):
     def camera_roles(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """Roles that may point the camera; empty means nobody."""
 
+    @_builtins.property
+    def flight_roles(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Roles that may command the flight; empty means nobody."""
+
     def __init__(
         self,
         *,
@@ -194,10 +199,11 @@ class Limits(_message.Message):
         own_command_life_ms: _builtins.int | None = ...,
         overdue_camera_ms: _builtins.int | None = ...,
         overdue_flight_ms: _builtins.int | None = ...,
+        flight_roles: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "operator_hold_ms", b"operator_hold_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "own_command_life_ms", b"own_command_life_ms", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "flight_roles", b"flight_roles", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "operator_hold_ms", b"operator_hold_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "own_command_life_ms", b"own_command_life_ms", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "operator_hold_ms", b"operator_hold_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "own_command_life_ms", b"own_command_life_ms", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "flight_roles", b"flight_roles", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "operator_hold_ms", b"operator_hold_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "own_command_life_ms", b"own_command_life_ms", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

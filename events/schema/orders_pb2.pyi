@@ -40,6 +40,34 @@ ACK_UNSUPPORTED: AckResult.ValueType  # 3
 ACK_UNAUTHORISED: AckResult.ValueType  # 4
 Global___AckResult: _TypeAlias = AckResult  # noqa: Y015
 
+class _AckStage:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _AckStageEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_AckStage.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    ACK_STAGE_UNSPECIFIED: _AckStage.ValueType  # 0
+    """It was not taken on: nothing of it is recorded, or deciding on it failed."""
+    ACK_STAGE_RECEIVED: _AckStage.ValueType  # 1
+    """It passed all gates and is in the log."""
+    ACK_STAGE_SENT: _AckStage.ValueType  # 2
+    """The command left for the vehicle."""
+    ACK_STAGE_IN_PROGRESS: _AckStage.ValueType  # 3
+    """The vehicle says that it is at it."""
+
+class AckStage(_AckStage, metaclass=_AckStageEnumTypeWrapper):
+    """How far an order got that has no final answer yet."""
+
+ACK_STAGE_UNSPECIFIED: AckStage.ValueType  # 0
+"""It was not taken on: nothing of it is recorded, or deciding on it failed."""
+ACK_STAGE_RECEIVED: AckStage.ValueType  # 1
+"""It passed all gates and is in the log."""
+ACK_STAGE_SENT: AckStage.ValueType  # 2
+"""The command left for the vehicle."""
+ACK_STAGE_IN_PROGRESS: AckStage.ValueType  # 3
+"""The vehicle says that it is at it."""
+Global___AckStage: _TypeAlias = AckStage  # noqa: Y015
+
 @_typing.final
 class PointAtPlaceOrder(_message.Message):
     """Point the camera at a place."""
@@ -306,6 +334,7 @@ class SendAck(_message.Message):
     DUPLICATE_FIELD_NUMBER: _builtins.int
     IN_REPLY_TO_FIELD_NUMBER: _builtins.int
     MAV_RESULT_FIELD_NUMBER: _builtins.int
+    STAGE_FIELD_NUMBER: _builtins.int
     command_id: _builtins.str
     """The order that is answered."""
     principal_id: _builtins.str
@@ -315,13 +344,15 @@ class SendAck(_message.Message):
     detail: _builtins.str
     """In words."""
     final: _builtins.bool
-    """False: received, not yet decided."""
+    """False: not the last word."""
     duplicate: _builtins.bool
     """True: this answers a repeated order with the stored result."""
     in_reply_to: _builtins.bytes
     """The envelope that is answered."""
     mav_result: _builtins.int
     """Raw MAV_RESULT where the vehicle answered; absent otherwise."""
+    stage: Global___AckStage.ValueType
+    """How far the order got; absent on the last word."""
     def __init__(
         self,
         *,
@@ -333,10 +364,11 @@ class SendAck(_message.Message):
         duplicate: _builtins.bool | None = ...,
         in_reply_to: _builtins.bytes | None = ...,
         mav_result: _builtins.int | None = ...,
+        stage: Global___AckStage.ValueType | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "final", b"final", "in_reply_to", b"in_reply_to", "mav_result", b"mav_result", "principal_id", b"principal_id", "result", b"result"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "final", b"final", "in_reply_to", b"in_reply_to", "mav_result", b"mav_result", "principal_id", b"principal_id", "result", b"result", "stage", b"stage"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "final", b"final", "in_reply_to", b"in_reply_to", "mav_result", b"mav_result", "principal_id", b"principal_id", "result", b"result"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "final", b"final", "in_reply_to", b"in_reply_to", "mav_result", b"mav_result", "principal_id", b"principal_id", "result", b"result", "stage", b"stage"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

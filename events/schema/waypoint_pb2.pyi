@@ -85,6 +85,32 @@ PENDING: ResultState.ValueType  # 1
 FINAL: ResultState.ValueType  # 2
 Global___ResultState: _TypeAlias = ResultState  # noqa: Y015
 
+class _OrderStage:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _OrderStageEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_OrderStage.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    ORDER_STAGE_UNSPECIFIED: _OrderStage.ValueType  # 0
+    RECEIVED: _OrderStage.ValueType  # 1
+    """It passed all gates and is in the node's log."""
+    SENT: _OrderStage.ValueType  # 2
+    """The command left for the vehicle."""
+    IN_PROGRESS: _OrderStage.ValueType  # 3
+    """The vehicle says that it is at it."""
+
+class OrderStage(_OrderStage, metaclass=_OrderStageEnumTypeWrapper):
+    """How far an order got that has no final answer yet."""
+
+ORDER_STAGE_UNSPECIFIED: OrderStage.ValueType  # 0
+RECEIVED: OrderStage.ValueType  # 1
+"""It passed all gates and is in the node's log."""
+SENT: OrderStage.ValueType  # 2
+"""The command left for the vehicle."""
+IN_PROGRESS: OrderStage.ValueType  # 3
+"""The vehicle says that it is at it."""
+Global___OrderStage: _TypeAlias = OrderStage  # noqa: Y015
+
 @_typing.final
 class AuthEnvelope(_message.Message):
     """What is published: opaque parts, signed and sealed separately (docs/envelope.md)."""
@@ -787,6 +813,7 @@ class CommandAck(_message.Message):
     TIME_QUALITY_FIELD_NUMBER: _builtins.int
     EVENT_SEQ_FIELD_NUMBER: _builtins.int
     MAV_RESULT_FIELD_NUMBER: _builtins.int
+    STAGE_FIELD_NUMBER: _builtins.int
     REVOCATION_STALE_FIELD_NUMBER: _builtins.int
     command_id: _builtins.str
     """The order."""
@@ -808,6 +835,8 @@ class CommandAck(_message.Message):
     """Ours: seq of the record that holds the answer."""
     mav_result: _builtins.int
     """Ours: raw MAV_RESULT where the vehicle answered."""
+    stage: Global___OrderStage.ValueType
+    """Ours: how far the order got; absent on the last word."""
     revocation_stale: _builtins.bool
     """Ours: the node's revocation list is overdue, and what is allowed tightens; absent otherwise."""
     def __init__(
@@ -823,11 +852,12 @@ class CommandAck(_message.Message):
         time_quality: _builtins.int | None = ...,
         event_seq: _builtins.int | None = ...,
         mav_result: _builtins.int | None = ...,
+        stage: Global___OrderStage.ValueType | None = ...,
         revocation_stale: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["acked_at_ms", b"acked_at_ms", "command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "event_seq", b"event_seq", "mav_result", b"mav_result", "result", b"result", "result_state", b"result_state", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["acked_at_ms", b"acked_at_ms", "command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "event_seq", b"event_seq", "mav_result", b"mav_result", "result", b"result", "result_state", b"result_state", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "stage", b"stage", "time_quality", b"time_quality"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["acked_at_ms", b"acked_at_ms", "command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "event_seq", b"event_seq", "mav_result", b"mav_result", "result", b"result", "result_state", b"result_state", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["acked_at_ms", b"acked_at_ms", "command_id", b"command_id", "detail", b"detail", "duplicate", b"duplicate", "event_seq", b"event_seq", "mav_result", b"mav_result", "result", b"result", "result_state", b"result_state", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "stage", b"stage", "time_quality", b"time_quality"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -864,6 +894,8 @@ class NodeStatus(_message.Message):
     TIME_QUALITY_FIELD_NUMBER: _builtins.int
     REVOCATION_STALE_FIELD_NUMBER: _builtins.int
     EPOCH_ID_FIELD_NUMBER: _builtins.int
+    CAMERA_ROLES_FIELD_NUMBER: _builtins.int
+    FLIGHT_ROLES_FIELD_NUMBER: _builtins.int
     at_ms: _builtins.int
     """Node's clock, milliseconds since 1970."""
     flight_id: _builtins.bytes
@@ -920,6 +952,14 @@ class NodeStatus(_message.Message):
     def dropped(self) -> _containers.RepeatedCompositeFieldContainer[Global___DropCount]:
         """Samples dropped since start, by reason."""
 
+    @_builtins.property
+    def camera_roles(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Roles that may point its cameras and judge findings; empty means nobody."""
+
+    @_builtins.property
+    def flight_roles(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Roles that may command its flight; empty means nobody."""
+
     def __init__(
         self,
         *,
@@ -948,10 +988,12 @@ class NodeStatus(_message.Message):
         time_quality: _builtins.int | None = ...,
         revocation_stale: _builtins.bool | None = ...,
         epoch_id: _builtins.int | None = ...,
+        camera_roles: _abc.Iterable[_builtins.str] | None = ...,
+        flight_roles: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

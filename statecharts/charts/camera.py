@@ -6,6 +6,10 @@ says whose it was (seed 000, Issuer UX). A hold ends by itself `operator_hold_ms
 released camera goes back to automatic after `release_pause_ms`, so that a hand-over is not disturbed. After an outage
 of which nobody knows how long it was, both count as over. It must never have two masters, and never move the camera
 itself.
+
+A hold rests on an order that the vehicle took. Where the vehicle refuses the order that took the camera, or it could
+not be sent, the camera goes back: to who had it, for what is left of that hold; to its pause; else to automatic.
+Silence is no refusal: the gimbal may be on its way.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ from events.records import Record
 from events.schema.common_pb2 import Moved
 from events.schema.findings_pb2 import CameraTaken
 from events.schema.flight_pb2 import NodeStarted
-from statecharts.facts import Camera, Order
+from statecharts.facts import Camera, Hold, Order, order_key
 from statecharts.part import Part
 from statecharts.state import State
 from statecharts.table import Answer, Chart, ignore, move, moved
@@ -28,17 +32,34 @@ NS_PER_MS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    pass
+    overtaken: bool = False
+    before: str = "automatic"  # what it would go back to
 
 
 _NO_FACTS = _Facts()
+
+
+def overtaken(facts: _Facts) -> bool:
+    """Another order holds the camera by now."""
+    return facts.overtaken
+
+
+def was_held(facts: _Facts) -> bool:
+    """Somebody held it by an order that the vehicle took, and that hold is not over."""
+    return facts.before == "operator"
+
+
+def was_resting(facts: _Facts) -> bool:
+    """It was released, and its pause is not over."""
+    return facts.before == "released"
+
 
 CHART: Chart[_Facts] = Chart(
     name="camera",
     initial="automatic",
     states=("automatic", "operator", "released"),
     terminal=(),
-    triggers=("pointed", "let_go", "time_passed", "time_lost"),
+    triggers=("pointed", "let_go", "refused", "time_passed", "time_lost"),
     rows=(
         move("automatic", "pointed", "operator", "an operator points it"),
         move("operator", "pointed", "operator", "an operator points it: last write wins"),
@@ -46,6 +67,12 @@ CHART: Chart[_Facts] = Chart(
         move("automatic", "let_go", "released", "an operator lets it go"),
         move("operator", "let_go", "released", "an operator lets it go"),
         move("released", "let_go", "released", "an operator lets it go again"),
+        ignore("automatic", "refused", "nobody holds it"),
+        ignore("operator", "refused", "another order holds it by now", overtaken, band=1),
+        move("operator", "refused", "operator", "the vehicle refused: back to who had it", was_held, band=2),
+        move("operator", "refused", "released", "the vehicle refused: back to its pause", was_resting, band=3),
+        move("operator", "refused", "automatic", "the vehicle refused: the hold is over", band=4),
+        ignore("released", "refused", "who let it go has let it go, whatever the vehicle says"),
         ignore("automatic", "time_passed", "nothing to wait for"),
         move("operator", "time_passed", "automatic", "the hold ran out"),
         move("released", "time_passed", "automatic", "the pause is over"),
@@ -56,6 +83,7 @@ CHART: Chart[_Facts] = Chart(
 )
 
 _TRIGGER = {"point": "pointed", "release": "let_go"}
+_REFUSED = ("rejected", "unsupported")  # ends of an order that was under way: the vehicle does not do it
 
 
 def decide(state: State, record: Record) -> tuple[Message, ...]:
@@ -68,29 +96,58 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
         waiting = state.waiting(CHART.name) if change.HasField("outage_unbounded") else ()
         return tuple(message for key in waiting for message in _fire(state, key, "time_lost"))
     assert isinstance(change, Moved)
-    if change.chart != "command" or change.to_state != "intended":
+    if change.chart != "command":
         return ()
     order = state.orders[change.instance]
-    return (*_fire(state, order.camera, _TRIGGER[order.verb]), *_taken(state, order))
+    if change.to_state == "intended":
+        return (*_fire(state, order.camera, _TRIGGER[order.verb]), *_taken(state, order))
+    if change.to_state in _REFUSED and change.from_state != "received":
+        return _given_back(state, order, record.at.flight_ns)
+    return ()
 
 
-def _fire(state: State, key: str, trigger: str) -> tuple[Message, ...]:
-    row = CHART.ask(state.cameras[key].state, trigger, _NO_FACTS)
+def _fire(state: State, key: str, trigger: str, facts: _Facts = _NO_FACTS) -> tuple[Message, ...]:
+    row = CHART.ask(state.cameras[key].state, trigger, facts)
     return (moved(CHART, key, row),) if row.answer is Answer.MOVE else ()
+
+
+def _given_back(state: State, order: Order, now_ns: int) -> tuple[Message, ...]:
+    """Return what a refused order's hold on its camera gives way to."""
+    camera = state.cameras[order.camera]
+    overtaken = (camera.principal_id, camera.command_id) != (order.principal_id, order.command_id)
+    hold = _standing(state, camera.before, now_ns)
+    facts = _Facts(overtaken, hold.state if hold is not None else "automatic")
+    moves = _fire(state, order.camera, "refused", facts)
+    if not moves or hold is None or hold.state != "operator":
+        return moves
+    left_ms = (hold.until_ns - now_ns + NS_PER_MS - 1) // NS_PER_MS
+    return (*moves, _taking(camera, hold.principal_id, hold.callsign, hold.command_id, left_ms))
+
+
+def _standing(state: State, hold: Hold | None, now_ns: int) -> Hold | None:
+    """Return a hold or pause that is not over, and does not rest on an order that was refused in the meantime."""
+    if hold is None or hold.until_ns <= now_ns:
+        return None
+    order = state.orders.get(order_key(hold.principal_id, hold.command_id))
+    return None if order is not None and order.state in _REFUSED else hold
 
 
 def _taken(state: State, order: Order) -> tuple[Message, ...]:
     if order.verb != "point":
         return ()
-    camera = state.cameras[order.camera]
-    return (
-        CameraTaken(
-            vehicle=camera.vehicle,
-            camera=camera.camera,
-            principal_id=order.principal_id,
-            callsign=order.callsign,
-            command_id=order.command_id,
-        ),
+    return (_taking(state.cameras[order.camera], order.principal_id, order.callsign, order.command_id),)
+
+
+def _taking(
+    camera: Camera, principal_id: str, callsign: str, command_id: str, held_for_ms: int | None = None
+) -> CameraTaken:
+    return CameraTaken(
+        vehicle=camera.vehicle,
+        camera=camera.camera,
+        principal_id=principal_id,
+        callsign=callsign,
+        command_id=command_id,
+        held_for_ms=held_for_ms,
     )
 
 
@@ -109,7 +166,9 @@ def _apply_move(state: State, record: Record) -> None:
         state.deadlines.put((CHART.name, change.instance), until_ns)
     before = state.cameras[change.instance]
     bare = Camera(before.vehicle, before.camera, before.gimbal)
-    state.cameras.put(change.instance, bare._replace(state=change.to_state, until_ns=until_ns))
+    hold = Hold(before.state, before.principal_id, before.callsign, before.command_id, before.until_ns)
+    kept = hold if change.to_state == "operator" else None
+    state.cameras.put(change.instance, bare._replace(state=change.to_state, until_ns=until_ns, before=kept))
 
 
 def _apply_taken(state: State, record: Record) -> None:
@@ -119,6 +178,10 @@ def _apply_taken(state: State, record: Record) -> None:
     holder = state.cameras[key]._replace(
         principal_id=taken.principal_id, callsign=taken.callsign, command_id=taken.command_id
     )
+    if taken.HasField("held_for_ms"):
+        until_ns = record.at.flight_ns + taken.held_for_ms * NS_PER_MS
+        holder = holder._replace(until_ns=until_ns, before=None)
+        state.deadlines.put((CHART.name, key), until_ns)
     state.cameras.put(key, holder)
 
 

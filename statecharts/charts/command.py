@@ -4,8 +4,10 @@ Theory of operation. The edge has verified, opened and decoded; from the target 
 the seed's order of gates: target, reception, role, what the node knows of revocations and time, repeat, sequence, then
 what the order asks. An order that passes is
 `intended`, and only then, in the same durable step, an effect asks the vehicle for it. What the vehicle answers moves
-it on; a final answer never changes. Every order gets exactly one final result of five, and every arrival gets an
-answer: a repeat is told the stored result, a repeat with another body is refused and changes nothing.
+it on, and each rung of that ladder (received, sent, in progress) is told; a final answer never changes. Every order
+gets exactly one final result of five, and every arrival gets an answer: a repeat is told the stored result, a repeat
+with another body is refused and changes nothing. Two answers to repeats of an id within a second are enough: more would
+let whoever repeats make the node publish.
 
 It must never perform an order twice. So an order that is found without an outcome at a start of the daemon is not sent
 again: what became of it is unknown, and that is the answer; so it is with an order that may have come before the log of
@@ -28,6 +30,11 @@ FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
 # What points, releases or judges harms nobody much. Anything else, also what this node does not know, moves more.
 CAMERA_VERBS = ("point", "release", "judge")
 UNDERWAY = ("intended", "sent", "in_progress")
+CAMERA_VERBS = ("point", "release", "judge")
+
+# A repeat of an order is answered so often within so long; what comes beyond that hears nothing.
+REPEATS_ANSWERED = 2
+REPEATS_WITHIN_NS = 1_000_000_000
 
 MAV_ACCEPTED = 0
 MAV_UNSUPPORTED = 3
@@ -61,9 +68,14 @@ def reception_off(facts: Facts) -> bool:
 
 
 def role_missing(facts: Facts) -> bool:
-    """None of the issuer's roles may point the camera; an empty list allows nobody."""
-    asked = facts.received
-    return asked is None or not any(role in facts.state.flight.camera_roles for role in asked.issuer.roles)
+    """None of the issuer's roles may ask this; an empty list allows nobody.
+
+    What a kind of order is about, camera or flight, decides which list counts. One that this node does not know may be
+    about either.
+    """
+    asked, flight = facts.received, facts.state.flight
+    allowed = flight.camera_roles if facts.order.verb in CAMERA_VERBS else (*flight.camera_roles, *flight.flight_roles)
+    return asked is None or not any(role in allowed for role in asked.issuer.roles)
 
 
 def list_lost(facts: Facts) -> bool:
@@ -162,6 +174,12 @@ def other_body(facts: Facts) -> bool:
     return facts.arrival is not None and facts.arrival.digest != facts.order.digest
 
 
+def answered_enough(facts: Facts) -> bool:
+    """Repeats of the order were answered as often as they may be within a second."""
+    answered_ns = facts.order.repeats_answered_ns
+    return len(answered_ns) == REPEATS_ANSWERED and facts.now_ns < answered_ns[0] + REPEATS_WITHIN_NS
+
+
 def vehicle_accepted(facts: Facts) -> bool:
     """COMMAND_ACK says accepted."""
     return facts.mav_result == MAV_ACCEPTED
@@ -206,10 +224,17 @@ _JUDGE: tuple[Row[Facts], ...] = (
 )
 
 
+def _repeated(source: str, because: str) -> tuple[Row[Facts], ...]:
+    return (
+        ignore(source, "order_received", "not answered: twice within a second is enough", answered_enough, band=1),
+        refuse(source, "order_received", "command_id reuse: another body under the same id", other_body, band=2),
+        ignore(source, "order_received", because, band=3),
+    )
+
+
 def _underway(source: str) -> tuple[Row[Facts], ...]:
     return (
-        refuse(source, "order_received", "command_id reuse: another body under the same id", other_body, band=1),
-        ignore(source, "order_received", "answered: not decided yet", band=2),
+        *_repeated(source, "answered: not decided yet"),
         move(source, "command_answered", "accepted", "the vehicle accepted", vehicle_accepted, band=1),
         move(source, "command_answered", "in_progress", "the vehicle is at it", vehicle_busy, band=2)
         if source != "in_progress"
@@ -228,8 +253,7 @@ def _underway(source: str) -> tuple[Row[Facts], ...]:
 
 def _final(source: str) -> tuple[Row[Facts], ...]:
     return (
-        refuse(source, "order_received", "command_id reuse: another body under the same id", other_body, band=1),
-        ignore(source, "order_received", "answered with the stored result", band=2),
+        *_repeated(source, "answered with the stored result"),
         ignore(source, "command_sent", "too late to matter"),
         ignore(source, "command_answered", "a final answer never changes"),
         ignore(source, "command_unanswered", "a final answer never changes"),

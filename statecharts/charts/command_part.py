@@ -16,7 +16,7 @@ from events.schema.vehicle_pb2 import (
     PointAtPlace,
     ReleasePointing,
 )
-from statecharts.charts.command import CHART, FINAL, MAV_UNSUPPORTED_ALL, UNDERWAY, Facts
+from statecharts.charts.command import CHART, FINAL, MAV_UNSUPPORTED_ALL, UNDERWAY, Facts, answered_enough
 from statecharts.charts.command_state import EVOLVE
 from statecharts.facts import Order, order_key
 from statecharts.part import Part
@@ -29,6 +29,11 @@ RESULTS: dict[str, orders_pb2.AckResult.ValueType] = {
     "timeout": orders_pb2.ACK_TIMEOUT,
     "unsupported": orders_pb2.ACK_UNSUPPORTED,
     "unauthorised": orders_pb2.ACK_UNAUTHORISED,
+}
+STAGES: dict[str, orders_pb2.AckStage.ValueType] = {
+    "intended": orders_pb2.ACK_STAGE_RECEIVED,
+    "sent": orders_pb2.ACK_STAGE_SENT,
+    "in_progress": orders_pb2.ACK_STAGE_IN_PROGRESS,
 }
 MAV_RESULTS = {
     0: "MAV_RESULT_ACCEPTED",
@@ -70,6 +75,8 @@ def _arrived(state: State, record: Record) -> tuple[Message, ...]:
     assert isinstance(received, OrderReceived)
     facts = Facts(order, state, record.at.flight_ns, arrival, received)
     row = CHART.ask(order.state, "order_received", facts)
+    if row.guard is answered_enough:
+        return ()
     if row.answer is Answer.REFUSE:
         return (_ack(order, arrival.in_reply_to, orders_pb2.ACK_REJECTED, row.because, final=True),)
     if row.answer is Answer.IGNORE:
@@ -77,13 +84,20 @@ def _arrived(state: State, record: Record) -> tuple[Message, ...]:
     move = moved(CHART, arrival.key, row)
     if row.target in FINAL:
         return move, _ack(order, order.in_reply_to, RESULTS[row.target], row.because, final=True)
-    return move, _effect(state, received, order)
+    return move, _effect(state, received, order), _rung(order, order.in_reply_to, row.target, row.because)
 
 
 def _repeat(order: Order, in_reply_to: bytes, because: str) -> SendAck:
     if order.state in FINAL:
         return _stored(order, in_reply_to, duplicate=True)
-    return _ack(order, in_reply_to, orders_pb2.ACK_ACCEPTED, because, final=False, duplicate=True)
+    return _rung(order, in_reply_to, order.state, because, duplicate=True)
+
+
+def _rung(order: Order, in_reply_to: bytes, state: str, because: str, *, duplicate: bool = False) -> SendAck:
+    """Return how far an order got that is not decided yet; no result of it means anything."""
+    ack = _ack(order, in_reply_to, orders_pb2.ACK_ACCEPTED, because, final=False, duplicate=duplicate)
+    ack.stage = STAGES[state]
+    return ack
 
 
 def _refuse_malformed(record: Record) -> SendAck:
@@ -159,7 +173,7 @@ def _fire(state: State, record: Record, key: str) -> tuple[Message, ...]:
         return ()
     move = moved(CHART, key, row)
     if row.target not in FINAL:
-        return (move,)
+        return move, _rung(order, order.in_reply_to, row.target, row.because)
     detail = _detail(record, row.because)
     move.because = detail
     ack = _ack(order, order.in_reply_to, RESULTS[row.target], detail, final=True)

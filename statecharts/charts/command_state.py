@@ -6,7 +6,7 @@ from events.records import Record
 from events.schema.common_pb2 import Moved
 from events.schema.orders_pb2 import AckPublished, OrderMalformed, OrderReceived, SendAck
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, PointAtAngles, PointAtPlace, ReleasePointing
-from statecharts.charts.command import CHART, FINAL, MAV_IN_PROGRESS, UNDERWAY
+from statecharts.charts.command import CHART, FINAL, MAV_IN_PROGRESS, REPEATS_ANSWERED, UNDERWAY
 from statecharts.facts import Arrival, Effect, Order, fitting_key, order_key
 from statecharts.part import Evolve
 from statecharts.state import State
@@ -142,11 +142,16 @@ def _unanswered(state: State, record: Record) -> None:
         state.effects.put(answer.effect_seq, effect._replace(done=True))
 
 
-def _owe_ack(state: State, record: Record) -> None:
+def _acked(state: State, record: Record) -> None:
     ack = record.message
     assert isinstance(ack, SendAck)
     key = order_key(ack.principal_id, ack.command_id)
     order = state.orders.get(key)
+    arrival = state.arrival.value
+    # An answer to the arrival of an order that was known: to a repeat of it, or to another body under its id.
+    if order is not None and arrival is not None and arrival.known and arrival.in_reply_to == ack.in_reply_to:
+        times = (*order.repeats_answered_ns, record.at.flight_ns)[-REPEATS_ANSWERED:]
+        state.orders.put(key, order._replace(repeats_answered_ns=times))
     # A refusal of another body under the same id is no answer to the order: it must not take its place.
     if order is not None and ack.final and order.state in FINAL and ack.detail == order.detail:
         state.owed_acks.drop_where(lambda owed: owed == key)
@@ -169,6 +174,6 @@ EVOLVE: dict[str, Evolve] = {
     "release_pointing": _remember_effect,
     "command_answered": _answered,
     "command_unanswered": _unanswered,
-    "send_ack": _owe_ack,
+    "send_ack": _acked,
     "ack_published": _ack_left,
 }

@@ -26,6 +26,7 @@ def _open(state: State, record: Record) -> None:
             node_public_key=opened.node_public_key,
             limits=configuration.limits,
             camera_roles=tuple(configuration.limits.camera_roles),
+            flight_roles=tuple(configuration.limits.flight_roles),
             group_of={name: group.name for group in configuration.class_groups for name in group.classes},
             gimbal_of={key: one.gimbal for key, one in fittings},
         )

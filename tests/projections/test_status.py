@@ -13,6 +13,7 @@ from projections.picture import POI_STATES, RESULTS, Picture, Question, Status
 from statecharts import State, carry_over
 from tests.flights import (
     Flight,
+    answered,
     detection,
     frame,
     gimbal,
@@ -174,3 +175,17 @@ def test_what_nothing_shows_changes_nothing() -> None:
     order = flight.records[-3]
     assert order.kind.name == "order_received"
     assert fold.apply(status, order).picture is status.picture
+
+
+def test_a_hold_that_is_given_back_is_shown_with_what_is_left_of_it() -> None:
+    """As the chart has it: the first order's name and its end, not those of the refused one."""
+    flight = Flight()
+    flight.tell(point_at_place("a"))
+    flight.tell(answered(flight.effect()), 10)
+    flight.tell(point_at_place("b", order_seq=2), 5_000)
+    flight.tell(answered(flight.effect(), mav_result=2), 10)
+    shown = Status()
+    for record in flight.records:
+        shown = fold.apply(shown, record)
+    camera, held = shown.picture.cameras["1/1"], flight.state.cameras["1/1"]
+    assert (camera.command_id, camera.held_until_ns) == ("a", held.until_ns) == ("a", 60_000_000_000)

@@ -80,11 +80,11 @@ def check_refused(check_it: Callable[[bytes], object], data: bytes, because: str
 
 def test_a_proof_rests_on_the_newest_cosigned_checkpoint(folder: Path) -> None:
     """It says by whom and when, and stays small; what came later rests on the node's word alone."""
-    proved = check(proof(folder, 109))
+    proved = check(proof(folder, 114))
     assert proved.cosigners == (Cosigner("alice", "ALICE", AT_S), Cosigner("vic", "VIC", AT_S))
     assert proved.size == COSIGNED_SIZE
     assert "cosigned by alice at 2026-09-21 " in proved.words()
-    assert len(proof(folder, 109)) < 10_000
+    assert len(proof(folder, 114)) < 10_000
     later = check(proof(folder, COSIGNED_SIZE))
     assert (later.size, later.cosigners, "cosigned" in later.words()) == (WHOLE, (), False)
     reader = read_flight(folder)
@@ -100,7 +100,7 @@ def test_witnesses_whose_token_is_gone_are_left_out(folder: Path) -> None:
     bob = cosign(text, "waypoint/coast-watch/bob", people().bob.sign_key, AT_S)
     store.add_checkpoint(size, cosigned(bare, [bob, *lines]))
     store.close()
-    assert [one.principal for one in check(proof(folder, 109)).cosigners] == ["alice", "vic"]
+    assert [one.principal for one in check(proof(folder, 114)).cosigners] == ["alice", "vic"]
 
 
 def _alice(note: str, key: SignKey | None = None, name: str = "alice", time_s: int = AT_S) -> str:
@@ -147,7 +147,7 @@ def _twice(note: str) -> str:
 @pytest.mark.parametrize("name", BAD_COSIGNATURES)
 def test_a_bad_cosignature_spoils_the_proof(folder: Path, name: str) -> None:
     because, change = BAD_COSIGNATURES[name]
-    check_refused(check, changed(proof(folder, 109), change), because)
+    check_refused(check, changed(proof(folder, 114), change), because)
 
 
 def test_a_cosignature_can_not_be_moved_in_time(folder: Path) -> None:
@@ -157,7 +157,7 @@ def test_a_cosignature_can_not_be_moved_in_time(folder: Path) -> None:
         _, bare, (alice, vic) = parted(note)
         return cosigned(bare, [type(alice)(alice.name, alice.key_id, AT_S + 1, alice.signature), vic])
 
-    data = changed(proof(folder, 109), lambda made: _swap(made, checkpoint=later))
+    data = changed(proof(folder, 114), lambda made: _swap(made, checkpoint=later))
     check_refused(check, data, "waypoint/coast-watch/alice: the signature does not match")
 
 
@@ -264,7 +264,7 @@ def test_the_commands(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     out.write_bytes(out.read_bytes()[:-1])
     assert run(verify, ["verify", str(out)]) == 65
     assert run(export, [*words[:4], "7", str(out)]) == 65
-    assert run(export, ["export", "proof", str(folder), "--seq", "109", str(out)]) == 0
+    assert run(export, ["export", "proof", str(folder), "--seq", "114", str(out)]) == 0
     assert run(verify, ["verify", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["cosigners"][0] == {
         "principal": "alice", "callsign": "ALICE", "time_s": AT_S,
@@ -280,5 +280,5 @@ def test_a_cosigned_checkpoint_of_a_lost_key_is_passed_over(folder: Path, tmp_pa
     store.add_checkpoint(size, cosigned(lost, lines))
     store.close()
     out = tmp_path / "proof.json"
-    assert run(export, ["export", "proof", str(folder), "--seq", "109", str(out)]) == 0
+    assert run(export, ["export", "proof", str(folder), "--seq", "114", str(out)]) == 0
     assert check(out.read_bytes()).size == WHOLE

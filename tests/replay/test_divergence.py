@@ -59,7 +59,7 @@ def test_an_entry_of_a_list_is_found() -> None:
 def test_a_field_that_is_absent_is_not_one_that_is_empty() -> None:
     """Presence counts."""
     flight = small()
-    seq = at(flight, "send_ack")
+    seq = at(flight, "send_ack", 2)
     first = check_diverges(forged(flight, seq, mav_result=None), seq, "field", "mav_result")
     assert (first.recorded, first.replayed) == ("absent", "0")
     seq = at(flight, "point_at_place")
@@ -85,7 +85,7 @@ def test_the_same_fields_in_other_bytes_are_found() -> None:
 def test_a_missing_decision_is_found() -> None:
     """At the place where it should be, with the observation that asks for it."""
     flight = small()
-    seq = at(flight, "send_ack")
+    seq = at(flight, "send_ack", 2)
     records = renumbered([*flight.records[:seq], *flight.records[seq + 1 :]], seq, -1)
     first = check_diverges(records, seq, "missing in the log")
     assert (first.kind, first.recorded) == ("send_ack", "no such decision")

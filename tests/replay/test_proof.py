@@ -6,14 +6,14 @@ import base64
 import json
 import random
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from autopilot.cli import export, verify
-from autopilot.ground import consistency, verifier
+from autopilot.ground import consistency, ordered, verifier
 from autopilot.ground import papers as papers_module
 from autopilot.ground.verifier import ANSWERS, ProofRefused, check
 from autopilot.node.sealing import CERTIFICATE_FILE
@@ -22,7 +22,7 @@ from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE
 from autopilot.trust.keys import SignKey
 from autopilot.trust.notes import Checkpoint, LogKey, StateMark, sign_note
 from events import KINDS
-from events.records import NO_CAUSE, Stored
+from events.records import NO_CAUSE, Record, Stored
 from events.schema.waypoint_pb2 import IdentityToken, PrincipalKind, PurposeKey, SignedDoc, TrustRoot
 from events.store import MemoryStore
 from events.tree import Tree
@@ -58,10 +58,16 @@ def papers(signer: SignKey | None = None, name: str = "", **values: Any) -> Pape
     return Papers(log_key=note, token=wasp.token_bytes, trust_root=(wasp.folder / ROOT_FILE).read_bytes())
 
 
-def sealed(size: int | None = None, signer: SignKey = LOG_KEY, name: str = "", **values: Any) -> MemoryStore:
-    """Return the story with one checkpoint over its first records."""
+def sealed(
+    size: int | None = None,
+    signer: SignKey = LOG_KEY,
+    name: str = "",
+    records: Sequence[Record] = STORY.records,
+    **values: Any,
+) -> MemoryStore:
+    """Return the story, or other records, with one checkpoint over its first records."""
     store = MemoryStore(FLIGHT_ID, SECRET)
-    store.append(STORY.records)
+    store.append(records)
     leaves = [stored.leaf for stored in store.stored(0, size)]
     said: dict[str, Any] = {
         "origin": "waypoint/coast-watch/wasp-01/3",
@@ -105,11 +111,11 @@ def test_every_record_of_a_flight_can_be_proved() -> None:
 
 def test_a_proof_says_what_it_proves_and_what_not() -> None:
     """In one sentence, with everything that can be compared."""
-    data = prove(sealed(), 109, papers())
+    data = prove(sealed(), 114, papers())
     proved = check(data, (people().wasp.folder / ROOT_FILE).read_bytes())
     words = proved.words()
     assert words.count(".") == 1
-    for part in ("record 109 and what led to it, back to record 99", "flight 3 of node wasp-01", "coast-watch"):
+    for part in ("record 114 and what led to it, back to record 104", "flight 3 of node wasp-01", "coast-watch"):
         assert part in words
     assert (proved.trust_root in words, "not proved: that what was recorded is true" in words) == (True, True)
     assert (proved.size, proved.signed_flight_ns, proved.flight_id) == (len(STORY.records), 7, FLIGHT_ID)
@@ -131,7 +137,7 @@ def test_a_checkpoint_with_a_state_proves_as_one_without() -> None:
 
 def test_no_bit_of_a_proof_can_be_changed() -> None:
     """A sample of bits over the whole file, and every byte of the short parts at its ends."""
-    data = prove(sealed(), 99, papers())
+    data = prove(sealed(), 104, papers())
     chance = random.Random(3)
     bits = {*chance.sample(range(len(data) * 8), 1500), *range(64), *range(len(data) * 8 - 64, len(data) * 8)}
     for bit in sorted(bits):
@@ -142,7 +148,7 @@ def test_no_bit_of_a_proof_can_be_changed() -> None:
 
 def test_no_byte_can_be_cut_added_or_doubled() -> None:
     """Also where JSON would not mind."""
-    data = prove(sealed(), 99, papers())
+    data = prove(sealed(), 104, papers())
     for bad in (
         data[:-1],
         data + b"\n",
@@ -161,7 +167,7 @@ def test_no_byte_can_be_cut_added_or_doubled() -> None:
         (lambda p: p.update(extra=""), "other parts"),
         (lambda p: p.update(token=1), "no text"),
         (lambda p: p.update(records=[]), "no records"),
-        (lambda p: p["records"].pop(), "record 99 led to it and is not shown"),
+        (lambda p: p["records"].pop(), "record 104 led to it and is not shown"),
         (lambda p: p["records"].append(p["records"][1]), "did not lead to"),
         (lambda p: p["records"].reverse(), "did not lead to"),
         (lambda p: p["records"][0].update(seq=True), "not written as it is to be"),
@@ -178,7 +184,7 @@ def test_no_byte_can_be_cut_added_or_doubled() -> None:
 )
 def test_a_changed_proof_is_refused(change: Callable[[dict[str, Any]], object], because: str) -> None:
     """Each part for its own reason."""
-    check_refused(changed(prove(sealed(), 109, papers()), change), because)
+    check_refused(changed(prove(sealed(), 114, papers()), change), because)
 
 
 def test_only_the_right_keys_are_believed() -> None:
@@ -237,10 +243,10 @@ def check_document(document: bytes, because: str) -> None:
 
 def test_what_nobody_signed_has_no_proof() -> None:
     """Records behind the newest checkpoint, flights without one, and a log that was cut."""
-    store = sealed(size=50)
-    check_proves(prove(store, 48, papers()), 48, 45)
-    with pytest.raises(NotSealed, match="newest covers 50"):
-        prove(store, 50, papers())
+    store = sealed(size=54)
+    check_proves(prove(store, 52, papers()), 52, 49)
+    with pytest.raises(NotSealed, match="newest covers 54"):
+        prove(store, 54, papers())
     with pytest.raises(LookupError, match="no record 1000"):
         prove(store, 1000, papers())
     store.add_checkpoint(500, "later")
@@ -250,8 +256,8 @@ def test_what_nobody_signed_has_no_proof() -> None:
 
 def test_replay_holds_the_log_against_its_checkpoints() -> None:
     """Another history under a signed size, and a log shorter than what was signed."""
-    store = sealed(size=50, root=bytes(32))
-    check_ends(store, Outcome.BROKEN, 49, "first 50 records are not those that were signed")
+    store = sealed(size=54, root=bytes(32))
+    check_ends(store, Outcome.BROKEN, 53, "first 54 records are not those that were signed")
     store = sealed()
     store.add_checkpoint(500, "later")
     check_ends(store, Outcome.BROKEN, len(STORY.records), "500 records were signed")
@@ -260,11 +266,11 @@ def test_replay_holds_the_log_against_its_checkpoints() -> None:
 def test_the_verifier_stands_alone() -> None:
     """It imports the standard library and one verification; and it knows every kind that answers an effect."""
     found = set[str]()
-    for module in (verifier, papers_module, consistency):
+    for module in (verifier, papers_module, consistency, ordered):
         source = source_of("verifier.py", Path(module.__file__ or "").read_text(encoding="utf-8"))
         lines = [line for line in source.text.splitlines() if line.startswith(("import ", "from "))]
         found |= {line.split()[1] for line in lines if line.split()[1].split(".")[0] not in sys.stdlib_module_names}
-    assert found == {"nacl.exceptions", "nacl.signing", "autopilot.ground.papers"}
+    assert found == {"nacl.exceptions", "nacl.signing", "autopilot.ground.papers", "autopilot.ground.ordered"}
     fields = {kind.number: kind.message.DESCRIPTOR.fields_by_name.get("effect_seq") for kind in KINDS}
     assert {number: field.number for number, field in fields.items() if field is not None} == ANSWERS
     assert PrincipalKind.NODE == papers_module.NODE
@@ -289,7 +295,7 @@ def _check_link(store: MemoryStore, answer: Stored) -> None:
 def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """From a flight's folder to a sentence; refusals with their codes."""
     folder, out = sealed_story(tmp_path).flight.folder, tmp_path / "proof.json"
-    words = ["export", "proof", str(folder), "--seq", "109", str(out)]
+    words = ["export", "proof", str(folder), "--seq", "114", str(out)]
     assert run(export, words) == 0
     assert f"{len(out.read_bytes())} bytes" in capsys.readouterr().err
     root = str(people().wasp.folder / ROOT_FILE)
@@ -297,14 +303,14 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     told = capsys.readouterr().out
     assert (told.splitlines()[0], "send_ack" in told) == (check(out.read_bytes()).words(), True)
     assert run(verify, ["verify", str(out), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["records"] == [109, 99]
+    assert json.loads(capsys.readouterr().out)["records"] == [114, 104]
     assert run(verify, ["verify", str(out), "--root", str(folder / TOKEN_FILE)]) == 65
     assert run(verify, ["verify", str(tmp_path / "none")]) == 66
     out.write_bytes(out.read_bytes()[:-1])
     assert run(verify, ["verify", str(out)]) == 65
     assert "refused" in capsys.readouterr().err
-    assert run(export, [*words[:4], "116", str(out)]) == 65
-    assert "no record 116" in capsys.readouterr().err
+    assert run(export, [*words[:4], "121", str(out)]) == 65
+    assert "no record 121" in capsys.readouterr().err
     (folder / CERTIFICATE_FILE).unlink()
     assert run(export, words) == 65
     assert "nobody signed this flight" in capsys.readouterr().err

@@ -46,9 +46,9 @@ from tests.replay.changes import (
 def test_a_whole_story_is_identical() -> None:
     """Closed or not; every decision is compared."""
     flight = story()
-    verdict = check_identical(flight.store, 116)
-    assert verdict.decisions == len(said(flight.records)) == 73
-    assert verdict.words() == "identical: 116 records, 73 decisions compared"
+    verdict = check_identical(flight.store, 121)
+    assert verdict.decisions == len(said(flight.records)) == 78
+    assert verdict.words() == "identical: 121 records, 78 decisions compared"
     check_identical(small().store, len(small().records))
 
 
@@ -198,7 +198,7 @@ def test_hash_seeds_change_nothing(tmp_path: Path) -> None:
     )
     told = {_run(program, str(seed)) for seed in (0, 1, 4242)}
     leaf = story().store.head.leaf.hex()
-    assert told == {f"{leaf} identical: 116 records, 73 decisions compared\n"}
+    assert told == {f"{leaf} identical: 121 records, 78 decisions compared\n"}
 
 
 def _run(program: str, seed: str) -> str:

@@ -39,12 +39,12 @@ def test_a_step_is_one_observation_and_its_decisions_in_order() -> None:
     told = Story()
     told.at(1234)
     records = told.tell("order a point")
-    check_equal(said(records), ["moved", "point_at_place", "moved", "camera_taken", "moved", "moved"])
-    check_equal([record.seq - records[0].seq for record in records], list(range(7)))
-    check_equal([record.cause for record in records], [-1] + [records[0].seq] * 6)
+    check_equal(said(records), ["moved", "point_at_place", "send_ack", *["moved", "camera_taken", "moved", "moved"]])
+    check_equal([record.seq - records[0].seq for record in records], list(range(8)))
+    check_equal([record.cause for record in records], [-1] + [records[0].seq] * 7)
     check_equal({record.at for record in records}, {told.flight.moment()})
     check_equal(
-        [getattr(one.message, "chart", "-") for one in records], [*"-", "command", *"-", "camera", *"-", "scan", "aim"]
+        [getattr(one.message, "chart", "-") for one in records], [*"-", "command", *"--", "camera", *"-", "scan", "aim"]
     )
 
 

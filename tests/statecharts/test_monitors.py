@@ -28,6 +28,7 @@ def scanned() -> Story:
         story.at(at_ms)
         story.tell(words)
     story.tell("order b confirm p1")
+    story.tell("again a")
     return story
 
 
@@ -137,7 +138,9 @@ def unheard(flight: Flight) -> None:
         ("effects_are_intended", twice("point_at_place", order="alpha/a")),
         ("every_order_is_answered", cut("send_ack", command_id="a")),
         ("every_order_is_answered", twice("send_ack", command_id="b")),
-        ("every_order_is_answered", other("send_ack", {"final": False}, command_id="a")),
+        ("every_order_is_answered", other("send_ack", {"final": False}, command_id="a", final=True)),
+        ("answers_stand", other("send_ack", {"detail": "otherwise"}, command_id="a", duplicate=True)),
+        ("answers_stand", other("send_ack", {"final": False}, command_id="a", duplicate=True)),
         ("every_order_is_answered", unheard),
         ("people_are_not_flooded", limit(asks_per_minute=0)),
         ("people_are_not_flooded", limit(ask_confidence_e4=8_001)),

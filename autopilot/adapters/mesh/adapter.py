@@ -30,9 +30,16 @@ from autopilot.trust.verdict import Malformed, Rejected
 from autopilot.wire.keys import cosign_key, order_address, orders_of, proof_key
 from events.schema.orders_pb2 import AckResult as RecordedResult
 from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
-from events.schema.waypoint_pb2 import AckResult, CommandAck, NodeStatus, PrincipalKind, ResultState
+from events.schema.waypoint_pb2 import (
+    AckResult,
+    CommandAck,
+    NodeStatus,
+    OrderStage,
+    PrincipalKind,
+    ResultState,
+)
 
-ISSUERS = frozenset({PrincipalKind.OPERATOR, PrincipalKind.SERVICE})
+ISSUERS = frozenset({PrincipalKind.OPERATOR})  # nodes and services never command
 
 
 class MeshAdapter:
@@ -118,7 +125,7 @@ class MeshAdapter:
             self._refuse(observation)
 
     def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
-        """Perform a `SendAck`: it is sealed and published by the outbox, which offers AckPublished.
+        """Perform a `SendAck`: it is sealed and published by the outbox, which offers AckPublished for a last word.
 
         On a dead link the ack waits ACK_PATIENCE_S from its record; then its outcome is "no link".
         """
@@ -133,9 +140,12 @@ class MeshAdapter:
         )
         if effect.duplicate:
             ack.duplicate = True
+        if effect.stage:
+            ack.stage = OrderStage.ValueType(effect.stage)
         if effect.HasField("mav_result"):
             ack.mav_result = effect.mav_result
-        self._queue(seq, effect.in_reply_to, ack, recorded_mono_ns)
+        # Nobody waits to hear whether an answer left that is not the last one: the next arrival tells the same.
+        self._queue(seq if effect.final else None, effect.in_reply_to, ack, recorded_mono_ns)
 
     def publish_status(self, status: NodeStatus) -> None:
         """Publish the status with what the node believes; a newer one replaces one that could not leave yet."""

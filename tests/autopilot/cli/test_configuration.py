@@ -247,12 +247,14 @@ def config_of(**tables: object) -> Config:
 def test_the_manifest_has_every_limit_in_its_unit() -> None:
     """No field of Limits is left out, and the units are those of flight.proto."""
     message = configuration_message(
-        config_of(command={"enabled": True, "camera_roles": ["b", "a"]}, scan={"look_s": 2.5})
+        config_of(
+            command={"enabled": True, "camera_roles": ["b", "a"], "flight_roles": ["d", "c"]}, scan={"look_s": 2.5}
+        )
     )
     limits = message.limits
     written = {field.name for field, _ in limits.ListFields()}
     assert {field.name for field in limits.DESCRIPTOR.fields} - written == set()
-    assert list(limits.camera_roles) == ["a", "b"]
+    assert (list(limits.camera_roles), list(limits.flight_roles)) == (["a", "b"], ["c", "d"])
     assert (limits.command_enabled, limits.operator_hold_ms, limits.release_pause_ms) == (True, 60_000, 3_000)
     assert (limits.arrival_tolerance_cdeg, limits.arrival_patience_ms, limits.dedup_keep_ms) == (
         100,

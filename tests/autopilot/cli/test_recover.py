@@ -58,17 +58,17 @@ def test_a_whole_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     folder = story_on_disk(tmp_path)
     (folder / CERTIFICATE_FILE).write_text("paper")
     (folder / KEY_FILE).write_text("secret")
-    out = check_recovered(folder, 0, capsys, last_seq=115, left_out=[], lost=[])
+    out = check_recovered(folder, 0, capsys, last_seq=120, left_out=[], lost=[])
     assert [(out / name).exists() for name in (CERTIFICATE_FILE, KEY_FILE)] == [True, False]
 
 
-@pytest.mark.parametrize("seq", range(3, 116, 9))
+@pytest.mark.parametrize("seq", range(3, 121, 9))
 def test_a_record_that_does_not_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str], seq: int) -> None:
     """The copy ends with the last whole step before it; what holds behind it is named, and it alone is lost."""
     folder = story_on_disk(tmp_path)
     changed(folder, f"UPDATE record SET body = zeroblob(9) WHERE seq = {seq}")
     end = max(start for start in STARTS if start <= seq) - 1
-    left_out = [[first, last] for first, last in ((end + 1, seq - 1), (seq + 1, 115)) if first <= last]
+    left_out = [[first, last] for first, last in ((end + 1, seq - 1), (seq + 1, 120)) if first <= last]
     check_recovered(folder, 65, capsys, last_seq=end, left_out=left_out, lost=[[seq, seq]])
 
 
@@ -78,25 +78,25 @@ def test_a_gap(tmp_path: Path, capsys: pytest.CaptureFixture[str], seq: int) -> 
     folder = story_on_disk(tmp_path)
     changed(folder, f"DELETE FROM record WHERE seq = {seq}")
     end = max(start for start in STARTS if start < seq) - 1
-    check_recovered(folder, 65, capsys, last_seq=end, left_out=[[end + 1, seq - 1], [seq + 2, 115]])
+    check_recovered(folder, 65, capsys, last_seq=end, left_out=[[end + 1, seq - 1], [seq + 2, 120]])
 
 
 def test_an_end_that_was_cut(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The head file knows more: a commit is whole, so everything is copied; without that file nobody knows."""
     folder = story_on_disk(tmp_path)
     changed(folder, f"DELETE FROM record WHERE seq >= {STARTS[-3]}")
-    check_recovered(folder, 65, capsys, last_seq=STARTS[-3] - 1, left_out=[], lost=[[STARTS[-3], 115]])
+    check_recovered(folder, 65, capsys, last_seq=STARTS[-3] - 1, left_out=[], lost=[[STARTS[-3], 120]])
 
 
 def test_what_was_signed_says_what_is_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A checkpoint over more than there is; those over less come along."""
     flight, store = create_flight(tmp_path, 1, FLIGHT_ID, SECRET)
     store.append(story().records)
-    store.add_checkpoint(116, "over all")
+    store.add_checkpoint(121, "over all")
     store.close()
     changed(flight.folder, f"DELETE FROM record WHERE seq >= {STARTS[-3]}")
     (flight.folder / "head").unlink()
-    out = check_recovered(flight.folder, 65, capsys, lost=[[STARTS[-3], 115]])
+    out = check_recovered(flight.folder, 65, capsys, lost=[[STARTS[-3], 120]])
     reader = read_flight(out)
     assert reader.checkpoints() == []
     reader.close()
@@ -106,7 +106,7 @@ def test_a_log_without_its_head_is_copied_whole(tmp_path: Path, capsys: pytest.C
     """Something is wrong, and nothing is known to be missing."""
     folder = story_on_disk(tmp_path)
     (folder / "head").unlink()
-    check_recovered(folder, 65, capsys, last_seq=115, left_out=[], lost=[])
+    check_recovered(folder, 65, capsys, last_seq=120, left_out=[], lost=[])
 
 
 def test_a_torn_tail_is_no_damage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -120,18 +120,18 @@ def test_a_torn_tail_is_no_damage(tmp_path: Path, capsys: pytest.CaptureFixture[
     store.close()
     with (left / "flight.db-wal").open("ab") as wal:
         wal.write((left / "flight.db-wal").read_bytes()[32:][:3000])
-    check_recovered(left, 0, capsys, last_seq=115)
+    check_recovered(left, 0, capsys, last_seq=120)
 
 
 def test_nothing_can_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No copy, and what the head file knew is lost."""
     folder = story_on_disk(tmp_path)
     (folder / "flight.db").write_bytes(b"no database" * 1000)
-    check_recovered(folder, 65, capsys, last_seq=-1, left_out=[], lost=[[0, 115]])
+    check_recovered(folder, 65, capsys, last_seq=-1, left_out=[], lost=[[0, 120]])
     assert run(replay, ["replay", "recover", str(folder), str(tmp_path / "out")]) == 65
     out = capsys.readouterr().out
     assert "copied: nothing" in out
-    assert "lost: records 0 to 115" in out
+    assert "lost: records 0 to 120" in out
 
 
 def test_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -144,7 +144,7 @@ def test_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     assert out.splitlines()[:2] == checked.splitlines()[:2]
     assert f"copied: records 0 to {STARTS[20] - 1} to {tmp_path / 'out'}" in out
-    assert f"left out: records {STARTS[20] + 1} to 115 can be read" in out
+    assert f"left out: records {STARTS[20] + 1} to 120 can be read" in out
     assert out.endswith(f"lost: records {STARTS[20]}\n")
 
 
@@ -153,18 +153,18 @@ def test_records_of_a_newer_version_are_copied_as_they_are(tmp_path: Path, capsy
     folder = story_on_disk(tmp_path)
     reader = read_flight(folder)
     at = Moment(1 << 40, 0, 1, 0, 2)
-    leaf = Chain(FLIGHT_ID, SECRET, reader.head.leaf).extend(116, -1, at, 60_000, 3, b"newer")
+    leaf = Chain(FLIGHT_ID, SECRET, reader.head.leaf).extend(121, -1, at, 60_000, 3, b"newer")
     reader.close()
     store = SqliteStore(folder / "flight.db")
     store._connection.execute(
-        f"INSERT INTO record VALUES ({', '.join('?' * 11)})", (116, -1, *at, 60_000, 3, b"newer", leaf)
+        f"INSERT INTO record VALUES ({', '.join('?' * 11)})", (121, -1, *at, 60_000, 3, b"newer", leaf)
     )
     store.close()
     (folder / "head").unlink()
     assert run(replay, ["replay", "recover", str(folder), str(tmp_path / "out")]) == 65
     capsys.readouterr()
     copy = read_flight(tmp_path / "out")
-    assert next(iter(copy.stored(116)))[3:7] == (60_000, 3, b"newer", leaf)
+    assert next(iter(copy.stored(121)))[3:7] == (60_000, 3, b"newer", leaf)
     copy.close()
 
 

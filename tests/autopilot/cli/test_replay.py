@@ -37,7 +37,7 @@ def tampered(folder: Path) -> Path:
 def test_verify_identical(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit 0, one line; by the folder or by the log in it."""
     folder = story_on_disk(tmp_path)
-    line = "identical: 116 records, 73 decisions compared\n"
+    line = "identical: 121 records, 78 decisions compared\n"
     assert check_command(["replay", "verify", str(folder)], 0, capsys) == line
     assert check_command(["replay", "verify", str(folder / "flight.db")], 0, capsys) == line
 
@@ -45,13 +45,13 @@ def test_verify_identical(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_verify_diverges(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit 65; the causes are words on stderr, the last line is data."""
     flight, store = create_flight(tmp_path, 1, FLIGHT_ID, SECRET)
-    store.append(forged(story(), 20, because="forged"))
+    store.append(forged(story(), 22, because="forged"))
     store.close()
     words = ["replay", "verify", str(flight.folder)]
-    out = check_command(words, 65, capsys, "diverges: record 20 (moved because), field", "order_received")
+    out = check_command(words, 65, capsys, "diverges: record 22 (moved because), field", "order_received")
     assert out.count("\n") == 1
     plain = json.loads(check_command([*words, "--json"], 65, capsys))
-    assert (plain["outcome"], plain["first"]["seq"], plain["first"]["field"]) == ("diverges", 20, "because")
+    assert (plain["outcome"], plain["first"]["seq"], plain["first"]["field"]) == ("diverges", 22, "because")
 
 
 def test_verify_a_broken_chain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,11 +81,11 @@ def test_show(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Causes and consequences; a record that is not there is a usage error."""
     folder = str(story_on_disk(tmp_path))
-    out = check_command(["replay", "why", folder, "16"], 0, capsys)
-    assert [line.split()[0] for line in out.splitlines()] == ["because", "16", "15", "8", "6", "led"]
-    plain = json.loads(check_command(["replay", "why", folder, "15", "--json"], 0, capsys))
-    assert [one["seq"] for one in plain["causes"]] == [15, 8, 6]
-    assert [one["seq"] for one in plain["led_to"]] == [16, 17, 92]
+    out = check_command(["replay", "why", folder, "18"], 0, capsys)
+    assert [line.split()[0] for line in out.splitlines()] == ["because", "18", "17", "8", "6", "record", "led"]
+    plain = json.loads(check_command(["replay", "why", folder, "17", "--json"], 0, capsys))
+    assert [one["seq"] for one in plain["causes"]] == [17, 8, 6]
+    assert [one["seq"] for one in plain["led_to"]] == [18, 19, 96]
     check_command(["replay", "why", folder, "999"], 2, capsys, err="no record 999")
 
 
@@ -103,7 +103,7 @@ def test_replay_changes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[st
     check_command(["replay", "verify", str(folder)], 0, capsys)
     assert (folder / "flight.db").read_bytes() == before
     store = SqliteStore(folder / "flight.db")
-    assert store.head.seq == 115
+    assert store.head.seq == 120
     store.close()
 
 
@@ -135,17 +135,17 @@ def test_a_bar_for_those_who_look() -> None:
 def test_check_a_sound_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit 0; the last record and the head are named."""
     folder = story_on_disk(tmp_path)
-    out = check_command(["replay", "check", str(folder)], 0, capsys, "sound: records 0 to 115 hold, last leaf ")
-    assert "\nhead: record 115, leaf " in out
+    out = check_command(["replay", "check", str(folder)], 0, capsys, "sound: records 0 to 120 hold, last leaf ")
+    assert "\nhead: record 120, leaf " in out
     plain = json.loads(check_command(["replay", "check", str(folder / "flight.db"), "--json"], 0, capsys))
-    assert (plain["sound"], plain["records"], plain["head"]["seq"], plain["action"]) == (True, 116, 115, "go_on")
+    assert (plain["sound"], plain["records"], plain["head"]["seq"], plain["action"]) == (True, 121, 120, "go_on")
 
 
 def test_check_a_wrong_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit 65: edited, without its head, and no database at all; what a start would do is said."""
     folder = story_on_disk(tmp_path)
     (folder / "head").unlink()
-    check_command(["replay", "check", str(folder)], 65, capsys, "wrong: records 0 to 115 hold")
+    check_command(["replay", "check", str(folder)], 65, capsys, "wrong: records 0 to 120 hold")
     tampered(folder)
     out = check_command(["replay", "check", str(folder)], 65, capsys, "record 40: its leaf is not the hash")
     assert "a start would: keep it as it was found" in out

@@ -82,7 +82,7 @@ def test_a_screen_after_the_flight() -> None:
     """What was answered, rejected and dropped."""
     check_screen(
         story(),
-        "flight 1 (00010203), closed: stopped while disarmed, record 115",
+        "flight 1 (00010203), closed: stopped while disarmed, record 120",
         "orders taken: 3 accepted, 1 rejected, 2 timeout, 2 unsupported, 1 unauthorised, 1 unreadable",
         "rejected 3 bad_signature, 1 stale",
         "dropped 7 frame",
@@ -110,7 +110,7 @@ def test_status_from_the_database(
     assert "age       5 s since the newest record" in capsys.readouterr().out
     assert run(status, ["status", "--projections", str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told["age_s"], told["head_seq"], told["map_objects"]) == (5, 115, 2)
+    assert (told["age_s"], told["head_seq"], told["map_objects"]) == (5, 120, 2)
 
 
 def test_status_by_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

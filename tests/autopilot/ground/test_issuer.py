@@ -10,15 +10,26 @@ from pathlib import Path
 import pytest
 
 from autopilot.ground import compose
+from autopilot.ground.following import Commander
 from autopilot.ground.issuer import Issuer, UnknownNode
-from autopilot.ground.ledger import Answer, Order, OrderNumbers
+from autopilot.ground.ledger import Answer, Order
 from autopilot.trust.envelope import MessageType, Packer
 from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity, load_identity
 from autopilot.trust.keys import digest
 from autopilot.trust.verdict import Opened
 from autopilot.wire.keys import ack_key, status_key
-from events.schema.waypoint_pb2 import AckResult, CameraStatus, CommandAck, DeviceCommand, NodeStatus, ResultState
+from events.schema.waypoint_pb2 import (
+    AckResult,
+    AuthEnvelope,
+    CameraStatus,
+    CommandAck,
+    DeviceCommand,
+    EnvelopeHeader,
+    NodeStatus,
+    OrderStage,
+    ResultState,
+)
 from tests.autopilot.trust.world import NOW_MS, FakeClock, FakeWire, node_gate, people, seeded
 
 POI = "0b7c5e2a-6f0e-8d3a-9a51-3f1f5a0c9d12"
@@ -277,17 +288,6 @@ def test_without_a_group_key_nothing_is_sent(tmp_path: Path) -> None:
     assert desk.issuer.wait(order, 0).state == "failed"
 
 
-def test_order_numbers_grow_over_restarts_and_clocks_that_go_back(tmp_path: Path) -> None:
-    clock, path = FakeClock(), tmp_path / "order_seq"
-    assert [OrderNumbers(path, clock).next() for _ in range(2)] == [NOW_MS, NOW_MS + 1]
-    clock.now_ms -= 1_000_000
-    assert OrderNumbers(path, clock).next() == NOW_MS + 2
-    clock.now_ms += 2_000_000
-    assert OrderNumbers(path, clock).next() == NOW_MS + 1_000_000
-    path.write_text("nonsense")
-    assert OrderNumbers(path, clock).next() == NOW_MS + 1_000_000
-
-
 def test_what_a_person_means_becomes_the_wire_s_units() -> None:
     angles = compose.point_at_angles(-30.5, -90, north=True).camera_pitch_yaw
     assert (angles.pitch_cdeg, angles.yaw_cdeg, angles.yaw_locked, angles.camera) == (-3050, 27_000, True, 1)
@@ -305,3 +305,59 @@ def test_an_issuer_s_threads_send_and_end(tmp_path: Path) -> None:
             assert desk.issuer._ledger.changed.wait_for(lambda: order.envelopes, 20)
     assert {"waypoint/global/ack/wasp-01/*", "waypoint/global/status/wasp-01"} == set(desk.wire.subscriptions)
     assert replace(order.answer) == Answer()
+
+
+def test_a_node_s_challenge_is_echoed_as_long_as_it_gives_one(desk: Desk) -> None:
+    """The newest, in every envelope; one of another length is none."""
+
+    def echoed() -> bytes:
+        envelope = AuthEnvelope.FromString(desk.wire.puts[-1][1])
+        return EnvelopeHeader.FromString(envelope.header).node_challenge
+
+    desk.issuer.watch("wasp-01")
+    desk.send()
+    assert echoed() == b""
+    given = ((b"a" * 16, b"a" * 16), (b"b" * 16, b"b" * 16), (b"c" * 8, b""), (b"", b""))
+    for at_ms, (challenge, echo) in enumerate(given, start=1):
+        desk.tell(NodeStatus(at_ms=at_ms, node_challenge=challenge))
+        assert len(desk.later(1000)) == 1 + (at_ms == 1)  # the first one too
+        assert echoed() == echo
+
+
+def test_what_the_node_holds_and_how_far_it_got_is_told(desk: Desk) -> None:
+    """Each rung to whoever waits, and the facts beside the last word."""
+    order, told = desk.send(), list[str]()
+    (opened,) = desk.arrived()
+
+    def on_told(answer: Answer) -> None:
+        told.append(answer.stage)
+        desk.clock.now_ms += 1
+        desk.answer(order, opened.message.digest, revocation_version=7, time_quality=1, event_seq=9)
+
+    desk.issuer.wait(order, 0, on_told)
+    assert told == []
+    desk.answer(order, opened.message.digest, result_state=ResultState.PENDING, stage=OrderStage.SENT)
+    answer = desk.issuer.wait(order, 20, on_told)
+    assert (told, answer.state) == (["sent"], "final")
+    assert (answer.revocation_version, answer.time_quality, answer.event_seq) == (7, 1, 9)
+
+
+def test_what_the_status_says_of_an_order(desk: Desk) -> None:
+    """The gimbal, who commanded last, and what Alice may do."""
+    order = desk.send(compose.point_at_place(52, 4, 0))
+    (opened,) = desk.arrived()
+    desk.answer(order, opened.message.digest, event_seq=9)
+    assert desk.issuer.permissions("wasp-01") is None
+    camera = CameraStatus(camera=1, command_id=order.command_id, callsign="ALICE", aim="arrived", error_cdeg=40)
+    said = NodeStatus(at_ms=5, head_seq=9, cameras=[camera], command_enabled=True, camera_roles=["operator"])
+    desk.tell(said)
+    assert desk.issuer.wait_pointing(order, timeout_s=0).words() == "arrived, 0.4 deg off"
+    assert desk.issuer.commander("wasp-01") == Commander("ALICE", order.command_id, holds=True)
+    assert desk.issuer.commander("wasp-01", 2) is None
+    may = desk.issuer.permissions("wasp-01")
+    assert may is not None
+    assert [one.allowed for one in may] == [True, False]
+    desk.clock.now_ms += 100 * 24 * 3_600_000
+    late = desk.issuer.permissions("wasp-01")
+    assert late is not None
+    assert late[0].because == "this identity has expired"

@@ -166,6 +166,8 @@ def test_an_order_from_a_shell(mesh: Field, capsys: pytest.CaptureFixture[str]) 
     common = ["--identity", str(mesh.folder / "alice"), "--connect", mesh.router.endpoint, "--to", "wasp", "--json"]
     said = json.loads(check_command(capsys, ["order", "look", "-30", "90", "--north", *common], 0))
     assert (said["result"], said["state"], said["node"]) == ("accepted", "final", "wasp")
+    rows = check_command(capsys, ["order", "history", "--identity", str(mesh.folder / "alice"), "--json"], 0)
+    assert [json.loads(row)["state"] for row in rows.splitlines()] == ["pending", "final"]
     said = json.loads(check_command(capsys, ["order", "confirm", "nonsense", *common], 1))
     assert said["result"] == "rejected"
     camera = CameraStatus(camera=1, state="operator", callsign="alice", aim="arrived", error_cdeg=40)
@@ -184,6 +186,34 @@ def test_an_order_from_a_shell(mesh: Field, capsys: pytest.CaptureFixture[str]) 
     teller.join()
     assert "camera 1 operator by alice, arrived 0.4 deg off" in words
     assert said["result"] == "accepted"
+    lines = check_command(capsys, ["order", "history", "--identity", str(mesh.folder / "alice")], 0).splitlines()
+    assert [line.split()[3] for line in lines] == ["camera_pitch_yaw"] * 2 + ["poi_confirm"] * 2 + [
+        "camera_release"
+    ] * 2
+
+
+def test_until_the_gimbal_is_there(mesh: Field, capsys: pytest.CaptureFixture[str]) -> None:
+    """What the status says of the very order is waited for; what the operator may do is said beforehand."""
+    mesh.router.start()
+    common = ["--identity", str(mesh.folder / "alice"), "--connect", mesh.router.endpoint, "--to", "wasp"]
+    stop = threading.Event()
+
+    def tell() -> None:
+        while not stop.wait(0.05):
+            asked = mesh.node.orders[-1].command_id if mesh.node.orders else ""
+            camera = CameraStatus(camera=1, command_id=asked, aim="arrived", error_cdeg=40, arrived_after_ms=2100)
+            said = NodeStatus(at_ms=wall_ms(HostClock()), head_seq=99, cameras=[camera], command_enabled=True)
+            said.camera_roles.append("operator")
+            mesh.node.adapter.publish_status(said)
+
+    teller = threading.Thread(target=tell)
+    teller.start()
+    words = check_command(capsys, ["order", "look", "-30", "90", "--until", "arrived", *common], 0)
+    may = check_command(capsys, ["order", "may", *common], 0)
+    stop.set()
+    teller.join()
+    assert words == "accepted; arrived, 0.4 deg off, after 2.1 s\n"
+    assert may == "camera: yes\nflight: no, the node allows it to nobody\n"
 
 
 def test_an_order_that_nobody_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

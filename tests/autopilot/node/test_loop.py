@@ -54,6 +54,19 @@ def test_an_order_is_durable_and_then_performed(node: Node) -> None:
     check_written_before_performed(node)
 
 
+def test_how_far_an_order_got_waits_for_the_next_commit(node: Node) -> None:
+    """What is not the last word makes no commit of its own, and nobody is told whether it left."""
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER)
+    effect, before = node.performed[-1].seq, appends(node)
+    node.tell(sent(effect))
+    assert appends(node) == before
+    node.tell(answered(effect))
+    assert appends(node) == before + 1
+    acks = [one for one in node.disk.happened if one.startswith("perform")]
+    assert len(acks) == 4  # the effect, received, sent, the last word
+    assert node.loop._awaited == {node.performed[-1].seq}
+
+
 def test_what_must_not_be_lost_is_durable_at_once(node: Node) -> None:
     """SYNC, though nothing leaves."""
     before = appends(node)

@@ -27,7 +27,7 @@ from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, IdentityTok
 NOW_MS = 1_790_000_000_000
 COMMAND_ID = "0b7c5e2a-6f0e-4d3a-9a51-3f1f5a0c9d11"
 KEY = f"waypoint/global/cmd/wasp-01/{COMMAND_ID}"
-ISSUERS = frozenset({PrincipalKind.OPERATOR, PrincipalKind.SERVICE})
+ISSUERS = frozenset({PrincipalKind.OPERATOR})
 
 
 _FOLDER = TemporaryDirectory(prefix="people-")  # removed when the interpreter ends

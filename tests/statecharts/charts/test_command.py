@@ -171,47 +171,6 @@ def test_safe_mode_refuses_after_role_and_sequence() -> None:
     )
 
 
-def test_repeats() -> None:
-    """Received while it is undecided, the stored result afterwards, another body never, and nothing changes."""
-    story = check_chart(
-        "command",
-        """
-        at_s | observe           | state      | say              | why
-        0    | order a point     | a intended | look 1,1         | all gates passed
-        1    | again a           | -          | a received       | answered: not decided yet
-        1    | again a body=evil | -          | a rejected       | command_id reuse: another body under the same id
-        2    | answered a 0      | a accepted | a accepted       | COMMAND_ACK: MAV_RESULT_ACCEPTED
-        3    | again a           | -          | a accepted again | COMMAND_ACK: MAV_RESULT_ACCEPTED
-        3    | again a body=evil | -          | a rejected       | command_id reuse: another body under the same id
-        4    | again a           | -          | a accepted again | COMMAND_ACK: MAV_RESULT_ACCEPTED
-        """,
-    )
-    acks = [record.message for record in story.flight.records if record.kind.name == "send_ack"]
-    check_equal([ack.final for ack in acks], [False, True, True, True, True, True])  # type: ignore[attr-defined]
-    check_equal(len({ack.in_reply_to for ack in acks}), 6)  # type: ignore[attr-defined]
-
-
-def test_a_stored_result_is_the_whole_result() -> None:
-    """A repeat is told the vehicle's own answer too, also one that came before silence."""
-    story = check_chart(
-        "command",
-        """
-        at_s | observe                | state         | say              | why
-        0    | order a point          | a intended    | look 1,1         | all gates passed
-        1    | answered a 1           | a rejected    | a rejected       | COMMAND_ACK: MAV_RESULT_TEMPORARILY_REJECTED
-        2    | again a                | -             | a rejected again | COMMAND_ACK: MAV_RESULT_TEMPORARILY_REJECTED
-        3    | order b point          | b intended    | look 1,1         | all gates passed
-        3.1  | answered b 5           | b in_progress | -                | the vehicle is at it
-        4    | unanswered b no answer | b timeout     | b timeout        | no answer from the vehicle: no answer
-        5    | again b                | -             | b timeout again  | no answer from the vehicle: no answer
-        6    | order c point life=0   | c rejected    | c rejected       | expired
-        """,
-    )
-    acks = [record.message for record in story.flight.records if record.kind.name == "send_ack"]
-    check_equal([ack.mav_result for ack in acks], [1, 1, 5, 5, 0])  # type: ignore[attr-defined]
-    check_equal([ack.HasField("mav_result") for ack in acks], [True, True, True, True, False])
-
-
 def test_the_id_of_an_order_is_its_issuers_own() -> None:
     """Another operator's order under the same id is another order; sequences count for a device alone."""
     story = check_chart(
