@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 from google.protobuf.message import Message
 
 from autopilot.trust.clock import Clock as Clock
+from autopilot.trust.fetching import Fetch as Fetch
 from autopilot.trust.verdict import Sealed
 from events.schema.flight_pb2 import CheckpointCosigned
 

@@ -1,7 +1,7 @@
 """Signed documents: what the root and the Directory say, parsed strictly and verified.
 
-Four documents, each under its own purpose key and its own context string: TrustRoot,
-IdentityToken, RevocationList, EpochBundle. The signed bytes are kept and never made again from
+Five documents, each under its own purpose key and its own context string: TrustRoot,
+IdentityToken, RevocationList, EpochBundle, TimeBeacon. The signed bytes are kept and never made again from
 the parsed form (DSSE: do not re-parse after verification). No file is read here.
 """
 
@@ -17,7 +17,16 @@ from google.protobuf.message import DecodeError, Message
 
 from autopilot.trust import limits
 from autopilot.trust.keys import SignatureInvalid, SignKey, key_id, verify
-from autopilot.trust.pae import EPOCH_BUNDLE, EPOCH_COMMITMENT, IDENTITY_TOKEN, REVOCATION_LIST, TRUST_ROOT, le64, pae
+from autopilot.trust.pae import (
+    EPOCH_BUNDLE,
+    EPOCH_COMMITMENT,
+    IDENTITY_TOKEN,
+    REVOCATION_LIST,
+    TIME_BEACON,
+    TRUST_ROOT,
+    le64,
+    pae,
+)
 from events.schema.waypoint_pb2 import (
     EpochBundle,
     IdentityToken,
@@ -25,6 +34,7 @@ from events.schema.waypoint_pb2 import (
     RevocationList,
     Sig,
     SignedDoc,
+    TimeBeacon,
     TrustRoot,
 )
 
@@ -230,6 +240,16 @@ def verify_epoch_bundle(data: bytes, trust: Trust) -> EpochBundle:
     _require(bundle.epoch_id > 0, "EpochBundle: epoch_id: must not be 0")
     _require(bundle.not_before_ms < bundle.retire_at_ms, "EpochBundle: retire_at_ms: must follow not_before_ms")
     return bundle
+
+
+def verify_time_beacon(data: bytes, trust: Trust) -> TimeBeacon:
+    """Verify a TimeBeacon; whether it answers a challenge is its asker's. Raises DocumentError."""
+    beacon = parse(TimeBeacon, verified_body(TIME_BEACON, data, [trust.keys["time"]]))
+    _require(beacon.v == 1, "TimeBeacon: v: only version 1 is known")
+    _require(beacon.deployment_id == trust.deployment_id, "TimeBeacon: deployment_id: is another deployment's")
+    _require(len(beacon.challenge) == limits.CHALLENGE_BYTES, "TimeBeacon: challenge: must be 16 bytes")
+    _require(beacon.time_ms > 0, "TimeBeacon: time_ms: must not be 0")
+    return beacon
 
 
 def epoch_commitment(epoch_id: int, secret: bytes) -> bytes:

@@ -12,6 +12,7 @@ KEY_ID_BYTES: Final = 16  # BLAKE2b-128: a look-up hint, never an identity by it
 NONCE_BYTES: Final = 24  # XChaCha20: 8 of the running number, 16 random
 TAG_BYTES: Final = 16  # Poly1305
 TOKEN_ID_BYTES: Final = 16
+CHALLENGE_BYTES: Final = 16  # random, of a node whose time is uncertain, or of one that asks for the time
 SALT_BYTES: Final = 32  # random in front of the sealed body, so that its commitment hides it
 WRAPPED_KEY_BYTES: Final = 80  # crypto_box_seal: 32 ephemeral key, 16 tag, 32 secret
 

@@ -13,6 +13,7 @@ TRUST_ROOT: Final = b"waypoint/v1/TrustRoot"
 IDENTITY_TOKEN: Final = b"waypoint/v1/IdentityToken"
 REVOCATION_LIST: Final = b"waypoint/v1/RevocationList"
 EPOCH_BUNDLE: Final = b"waypoint/v1/EpochBundle"
+TIME_BEACON: Final = b"waypoint/v1/TimeBeacon"
 EPOCH_COMMITMENT: Final = b"waypoint/v1/epoch-commit"
 
 

@@ -480,6 +480,40 @@ class EpochBundle(_message.Message):
 Global___EpochBundle: _TypeAlias = EpochBundle  # noqa: Y015
 
 @_typing.final
+class TimeBeacon(_message.Message):
+    """The time, for whoever asked: true time lies between time_ms and that plus the time of the journey (docs/envelope.md)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    V_FIELD_NUMBER: _builtins.int
+    DEPLOYMENT_ID_FIELD_NUMBER: _builtins.int
+    CHALLENGE_FIELD_NUMBER: _builtins.int
+    TIME_MS_FIELD_NUMBER: _builtins.int
+    v: _builtins.int
+    """Version of the format, 1."""
+    deployment_id: _builtins.str
+    """Deployment."""
+    challenge: _builtins.bytes
+    """The asker's challenge, 16 bytes: an old beacon answers another one."""
+    time_ms: _builtins.int
+    """The Directory's clock, milliseconds since 1970."""
+    def __init__(
+        self,
+        *,
+        v: _builtins.int | None = ...,
+        deployment_id: _builtins.str | None = ...,
+        challenge: _builtins.bytes | None = ...,
+        time_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["challenge", b"challenge", "deployment_id", b"deployment_id", "time_ms", b"time_ms", "v", b"v"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["challenge", b"challenge", "deployment_id", b"deployment_id", "time_ms", b"time_ms", "v", b"v"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___TimeBeacon: _TypeAlias = TimeBeacon  # noqa: Y015
+
+@_typing.final
 class PurposeKey(_message.Message):
     """One key of the Directory."""
 
