@@ -10,6 +10,7 @@ import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from autopilot.ground import directory_papers as papers
 from autopilot.ground.directory_papers import EPOCH_LIFE_MS, Directory
@@ -34,8 +35,7 @@ class Removal:
     keep_epoch: bool = False  # leave the group key to those who are out: not advised
 
 
-@dataclass(frozen=True, slots=True)
-class Changed:
+class Changed(NamedTuple):
     """What is in force after a change."""
 
     root_version: int
@@ -64,7 +64,7 @@ def revoke(folder: Path, removal: Removal, now_ms: int, random: Random) -> Chang
         _forget_tokens(state, papers.opened(folder, state, ()), now_ms)
         if removes and not removal.keep_epoch:
             _begin_epoch(folder, state, now_ms, now_ms, random)
-    return in_force(folder, now_ms)
+    return in_force(folder)
 
 
 def rotate_epoch(folder: Path, now_ms: int, random: Random, lead_ms: int = 0) -> Changed:
@@ -75,7 +75,7 @@ def rotate_epoch(folder: Path, now_ms: int, random: Random, lead_ms: int = 0) ->
     """
     with changing(folder) as state:
         _begin_epoch(folder, state, now_ms, now_ms + lead_ms, random)
-    return in_force(folder, now_ms)
+    return in_force(folder)
 
 
 def rotate_purpose(
@@ -99,7 +99,7 @@ def rotate_purpose(
         next(key for key in state.keys if key.purpose == purpose).name = name
         if purpose == "revoke":
             state.revocations = papers.next_list(state, papers.list_body(state), new, now_ms)
-    return in_force(folder, now_ms)
+    return in_force(folder)
 
 
 def renew(folder: Path, device_key_id: bytes, now_ms: int, random: Random) -> IdentityToken:
@@ -131,7 +131,7 @@ def tidy(folder: Path, now_ms: int) -> None:
         _drop_epochs(state, now_ms)
 
 
-def in_force(folder: Path, now_ms: int) -> Changed:
+def in_force(folder: Path) -> Changed:
     """Return the versions in force; the epoch is the newest, in use or to come. Raises DirectoryError."""
     directory = papers.open_directory(folder, ())
     newest = max(epoch.epoch_id for epoch in directory.state.epochs)
@@ -162,15 +162,15 @@ def _let_go(tokens: Iterable[IdentityToken], body: RevocationList, now_ms: int) 
     """Take the entries out that cover tokens, all of which have expired; what covers none that is known stays."""
     tokens = list(tokens)
 
-    def stays(covers: Callable[[IdentityToken], bool]) -> bool:
-        covered = [token for token in tokens if covers(token)]
+    def stays(entry: str | bytes, named_by: Callable[[IdentityToken], str | bytes]) -> bool:
+        covered = [token for token in tokens if named_by(token) == entry]
         return not covered or any(token.not_after_ms + SKEW_MS >= now_ms for token in covered)
 
-    body.principals[:] = [name for name in body.principals if stays(lambda token: token.principal_id == name)]
+    body.principals[:] = [name for name in body.principals if stays(name, lambda token: token.principal_id)]
     body.device_key_ids[:] = [
-        device for device in body.device_key_ids if stays(lambda token: key_id(token.device_sign_pk) == device)
+        device for device in body.device_key_ids if stays(device, lambda token: key_id(token.device_sign_pk))
     ]
-    body.token_ids[:] = [each for each in body.token_ids if stays(lambda token: token.token_id == each)]
+    body.token_ids[:] = [each for each in body.token_ids if stays(each, lambda token: token.token_id)]
 
 
 def _forget_tokens(state: DirectoryState, directory: Directory, now_ms: int) -> None:

@@ -67,7 +67,10 @@ class Service:
         self._wire.stop()
 
     def look(self) -> None:
-        """Begin a new epoch where it is due, forget old ones, and publish what is new. Raises DirectoryError, OSError."""
+        """Begin a new epoch where it is due, forget old ones, publish what is new.
+
+        Raises DirectoryError, OSError, LinkDown.
+        """
         now_ms = wall_ms(self._clock)
         directory = self.desk.directory()
         newest = max(directory.state.epochs, key=lambda epoch: epoch.epoch_id)

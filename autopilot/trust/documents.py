@@ -138,6 +138,7 @@ class Trust:
     version: int
     expires_ms: int
     keys: Mapping[str, bytes]
+    root_keys: tuple[bytes, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +182,7 @@ def verify_trust_root(data: bytes) -> Trust:
     _require(all(_is_key(key) for key in keys.values()), "TrustRoot: keys: must be 32-byte keys")
     _require(not set(keys.values()) & set(root_keys), "TrustRoot: keys: a root key must serve no other purpose")
     _require(len(set(keys.values())) == len(PURPOSES), "TrustRoot: keys: purposes must not share a key")
-    return Trust(root.deployment_id, root.version, root.expires_ms, keys)
+    return Trust(root.deployment_id, root.version, root.expires_ms, keys, tuple(root_keys))
 
 
 def verify_token(data: bytes, trust: Trust) -> IdentityToken:
