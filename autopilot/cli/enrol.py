@@ -19,6 +19,7 @@ from autopilot.ground import enrolment_device as device
 from autopilot.ground.directory_folders import summary
 from autopilot.ground.directory_store import durable
 from autopilot.ground.enrolment import ANSWER_BYTES_MAX, EnrolmentError, Secret, secret_of
+from autopilot.ground.renewal import finish
 from autopilot.trust.clock import HostClock, wall_ms
 from autopilot.trust.identity import IdentityError, load_identity
 from events.schema.waypoint_pb2 import IdentityToken
@@ -110,6 +111,7 @@ def _renew(args: argparse.Namespace) -> int:
         raise EnrolmentError(
             "--renew asks over the mesh: name it with --connect; without a link use a refreshed folder"
         )
+    finish(Path(args.out))
     changed = renew(load_identity(args.out), args.connect, args.wait)
     _say(args, {"folder": args.out, "changed": changed}, f"{args.out}: {', '.join(changed) or 'nothing'} changed")
     return os.EX_OK

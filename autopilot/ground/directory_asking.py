@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from itertools import product
 from typing import Final
 
+from google.protobuf.message import DecodeError
+
 from autopilot.adapters.mesh.link import ANSWERS_MAX, Link, Wire
 from autopilot.ground.enrolment import ANSWER_BYTES_MAX, EnrolmentError
 from autopilot.ground.renewal import Fresh, refresh, renewal_request
@@ -21,6 +23,7 @@ from autopilot.wire.directory_pb2 import Documents
 from autopilot.wire.keys import Channel, trust_key
 
 TIMEOUT_S: Final = 3.0
+NODES_MAX: Final = 1024  # of one answer
 TRIED_MAX: Final = ANSWERS_MAX**2  # of the combinations of what several answered
 
 
@@ -54,10 +57,12 @@ def renew_over(wire: Wire, held: Identity) -> list[str]:
         ask(keys.REVOCATIONS, b""),
         [first for answer in ask(keys.EPOCHS, held.sign_key.key_id) for first in _documents(answer)[:1]],
     ]
+    nodes = [each for answer in ask(keys.NODES, b"") for each in _documents(answer)[:NODES_MAX]]
     because = IdentityError(f"{held.folder}: what was served can't be read; nothing was changed")
     for _, (trust_root, token, revocations, epoch) in zip(range(TRIED_MAX), product(*parts), strict=False):
         try:
-            return refresh(held, Fresh(trust_root=trust_root, token=token, revocations=revocations, epoch=epoch))
+            fresh = Fresh(trust_root=trust_root, token=token, revocations=revocations, epoch=epoch, nodes=nodes)
+            return refresh(held, fresh)
         except IdentityError as error:
             because = error
     raise because
@@ -66,7 +71,7 @@ def renew_over(wire: Wire, held: Identity) -> list[str]:
 def _documents(answer: bytes) -> list[bytes]:
     try:
         return list(Documents.FromString(answer).documents)
-    except ValueError:  # DecodeError is one
+    except DecodeError:
         return []
 
 

@@ -15,6 +15,7 @@ from typing import Final
 
 from autopilot.ground import directory_changes as changes
 from autopilot.ground import enrolment_desk
+from autopilot.ground.directory_folders import node_tokens
 from autopilot.ground.directory_papers import Directory, open_directory, signed_beacon, signed_bundle, signed_token
 from autopilot.ground.directory_store import STATE_FILE
 from autopilot.ground.enrolment import REQUEST_BYTES_MAX
@@ -39,6 +40,7 @@ RATES: Final[dict[str, tuple[float, int]]] = {
     keys.REVOCATIONS.name: (20.0, 100),
     keys.EPOCHS.name: (20.0, 100),
     keys.TIMES.name: (50.0, 100),
+    keys.NODES.name: (5.0, 50),
     keys.RENEWALS.name: (5.0, 50),
     keys.ENROLMENTS.name: (1.0, 5),
 }
@@ -46,12 +48,13 @@ RATES: Final[dict[str, tuple[float, int]]] = {
 SIZES: Final[dict[str, tuple[int, int]]] = {
     keys.TRUST_ROOTS.name: (0, 0),
     keys.REVOCATIONS.name: (0, 0),
+    keys.NODES.name: (0, 0),
     keys.EPOCHS.name: (KEY_ID_BYTES, KEY_ID_BYTES),
     keys.TIMES.name: (CHALLENGE_BYTES, CHALLENGE_BYTES),
     keys.RENEWALS.name: (1, RENEWAL_BYTES_MAX),
     keys.ENROLMENTS.name: (1, REQUEST_BYTES_MAX),
 }
-ASKED: Final = (keys.TRUST_ROOTS, keys.REVOCATIONS, keys.EPOCHS, keys.TIMES, keys.RENEWALS, keys.ENROLMENTS)
+ASKED: Final = (keys.TRUST_ROOTS, keys.REVOCATIONS, keys.EPOCHS, keys.TIMES, keys.NODES, keys.RENEWALS, keys.ENROLMENTS)
 REFUSED: Final = b""  # the answer to an enrolment that is not granted; it is a hint, for anybody could give it
 
 
@@ -72,6 +75,7 @@ class Desk:
             keys.REVOCATIONS.name: lambda directory, _: directory.state.revocations,
             keys.EPOCHS.name: self._epochs,
             keys.TIMES.name: lambda directory, challenge: signed_beacon(directory, challenge, wall_ms(self._clock)),
+            keys.NODES.name: self._nodes,
             keys.RENEWALS.name: self._renewal,
             keys.ENROLMENTS.name: self._enrolment,
         }
@@ -128,6 +132,9 @@ class Desk:
     def _epochs(self, directory: Directory, device_key_id: bytes) -> bytes:
         token = _live(directory, device_key_id, wall_ms(self._clock))
         return _several(self.bundles(directory, token, wall_ms(self._clock)))
+
+    def _nodes(self, directory: Directory, _: bytes) -> bytes:
+        return _several(list(node_tokens(directory, wall_ms(self._clock)).values()))
 
     def _renewal(self, directory: Directory, question: bytes) -> bytes:
         asked = read_renewal(question)

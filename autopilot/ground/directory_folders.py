@@ -37,17 +37,21 @@ def write_identity(
     out: Path, trust_root: bytes, token: bytes, revocations: bytes, epoch: bytes, nodes: dict[str, bytes]
 ) -> None:
     """Write the signed documents of an identity folder, the token last. Raises OSError."""
-    folder = out / identity.NODES_FOLDER
+    write_nodes(out / identity.NODES_FOLDER, nodes)
+    durable(out / identity.ROOT_FILE, trust_root)
+    durable(out / identity.REVOCATIONS_FILE, revocations)
+    durable(out / identity.EPOCH_FILE, epoch)
+    durable(out / identity.TOKEN_FILE, token)
+
+
+def write_nodes(folder: Path, nodes: dict[str, bytes]) -> None:
+    """Make `folder` hold the signed tokens of these nodes and no others. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     for principal_id, signed in nodes.items():
         durable(folder / f"{principal_id}{identity.TOKEN_SUFFIX}", signed)
     for path in folder.glob(f"*{identity.TOKEN_SUFFIX}"):
         if path.name.removesuffix(identity.TOKEN_SUFFIX) not in nodes:
             path.unlink()  # revoked or expired
-    durable(out / identity.ROOT_FILE, trust_root)
-    durable(out / identity.REVOCATIONS_FILE, revocations)
-    durable(out / identity.EPOCH_FILE, epoch)
-    durable(out / identity.TOKEN_FILE, token)
 
 
 def node_tokens(directory: Directory, now_ms: int) -> dict[str, bytes]:

@@ -6,19 +6,23 @@ followed, it is answered with the token that followed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from autopilot.ground.directory_folders import write_nodes
 from autopilot.ground.directory_store import durable
 from autopilot.trust import documents, identity, roots
-from autopilot.trust.documents import DocumentError, Trust
+from autopilot.trust.documents import DocumentError, Revocations, Trust
 from autopilot.trust.identity import Identity, IdentityError, open_epoch
 from autopilot.trust.keys import SealBroken
-from autopilot.wire.directory_pb2 import RenewalRequest
-from events.schema.waypoint_pb2 import IdentityToken, SignedDoc
+from autopilot.wire.directory_pb2 import Documents, RenewalRequest
+from events.schema.waypoint_pb2 import IdentityToken, PrincipalKind, SignedDoc
 
 RENEWAL: Final = b"autopilot/v1/RenewalRequest"
+PENDING_FILE: Final = "renewal.pending"  # what was believed, until it lies in its files
+FILES: Final = (identity.ROOT_FILE, identity.REVOCATIONS_FILE, identity.EPOCH_FILE, identity.TOKEN_FILE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +33,7 @@ class Fresh:
     token: bytes
     revocations: bytes
     epoch: bytes
+    nodes: Sequence[bytes] = ()
 
 
 def renewal_request(held: Identity) -> bytes:
@@ -58,6 +63,7 @@ def refresh(held: Identity, fresh: Fresh) -> list[str]:
     2. The token is for the device's keys.
     3. The list is signed; under the same key it is not older than the one held.
     4. The group key opens, is not older than the one held, and is what the Directory committed to.
+    5. Of the nodes' tokens, held and served, the newest of each that is signed and not revoked is kept.
 
     Raises IdentityError naming the file; then nothing is changed. Raises OSError.
     """
@@ -74,7 +80,26 @@ def refresh(held: Identity, fresh: Fresh) -> list[str]:
             raise documents.DocumentMalformed("EpochBundle: is older than the one held")
     except (DocumentError, SealBroken) as error:
         raise IdentityError(f"{folder}: what was served is not believed ({error}); nothing was changed") from error
-    return [name for name, data in _files(fresh) if _written(folder / name, data)]
+    revocations = documents.verify_revocations(fresh.revocations, trust)
+    nodes = _nodes(held, fresh.nodes, trust, revocations)  # 5
+    everything = Documents(documents=[fresh.trust_root, fresh.revocations, fresh.epoch, fresh.token, *nodes.values()])
+    durable(folder / PENDING_FILE, everything.SerializeToString(deterministic=True))
+    return finish(folder)
+
+
+def finish(folder: Path) -> list[str]:
+    """Write what was believed, also when that was begun and cut short; return the names of the files that changed.
+
+    Raises OSError.
+    """
+    try:
+        pending = Documents.FromString((folder / PENDING_FILE).read_bytes()).documents
+    except FileNotFoundError:
+        return []
+    changed = [name for name, data in zip(FILES, pending, strict=False) if _written(folder / name, data)]
+    changed += _write_nodes(folder / identity.NODES_FOLDER, _by_name(pending[len(FILES) :]))
+    (folder / PENDING_FILE).unlink()
+    return changed
 
 
 def _check_token(held: Identity, data: bytes, trust: Trust) -> None:
@@ -92,21 +117,42 @@ def _check_list(held: Identity, data: bytes, trust: Trust) -> None:
         raise documents.DocumentMalformed("RevocationList: is another one of the version held")
 
 
+def _nodes(held: Identity, served: Sequence[bytes], trust: Trust, revocations: Revocations) -> dict[str, bytes]:
+    kept = [path.read_bytes() for path in (held.folder / identity.NODES_FOLDER).glob(f"*{identity.TOKEN_SUFFIX}")]
+    newest: dict[str, tuple[int, bytes]] = {}
+    for data in (*kept, *served):
+        try:
+            token = documents.verify_token(data, trust)
+        except DocumentError:
+            continue  # signed by a key that was replaced, or anybody's
+        if token.kind == PrincipalKind.NODE and not revocations.covers(token):
+            found = (token.not_before_ms, data)
+            newest[token.principal_id] = max(newest.get(token.principal_id, found), found)
+    return {principal_id: data for principal_id, (_, data) in newest.items()}
+
+
+def _write_nodes(folder: Path, nodes: dict[str, bytes]) -> list[str]:
+    before = {
+        path.name.removesuffix(identity.TOKEN_SUFFIX): path.read_bytes()
+        for path in folder.glob(f"*{identity.TOKEN_SUFFIX}")
+    }
+    if before == nodes:
+        return []
+    write_nodes(folder, nodes)
+    return [identity.NODES_FOLDER]
+
+
 def _held_list(held: Identity) -> bytes:
     return (held.folder / identity.REVOCATIONS_FILE).read_bytes()
 
 
-def _files(fresh: Fresh) -> list[tuple[str, bytes]]:
-    return [
-        (identity.ROOT_FILE, fresh.trust_root),
-        (identity.REVOCATIONS_FILE, fresh.revocations),
-        (identity.EPOCH_FILE, fresh.epoch),
-        (identity.TOKEN_FILE, fresh.token),
-    ]
+def _by_name(tokens: Sequence[bytes]) -> dict[str, bytes]:
+    parsed = [documents.parse(IdentityToken, documents.parse(SignedDoc, data).body) for data in tokens]
+    return {token.principal_id: data for token, data in zip(parsed, tokens, strict=True)}
 
 
 def _written(path: Path, data: bytes) -> bool:
-    if path.read_bytes() == data:
+    if path.exists() and path.read_bytes() == data:
         return False
     durable(path, data)
     return True

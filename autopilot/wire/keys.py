@@ -161,6 +161,18 @@ TIMES = Channel(
     recorded=False,
     says="A query with a challenge of 16 bytes, answered with a TimeBeacon.",
 )
+NODES = Channel(
+    name="nodes",
+    pattern=f"{PREFIX}/trust/<deployment>/nodes",
+    direction=Direction.OUT,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="An operator's empty query, answered with Documents: the IdentityTokens of the nodes that there are.",
+)
 RENEWALS = Channel(
     name="renewals",
     pattern=f"{PREFIX}/trust/<deployment>/renew",
@@ -187,7 +199,7 @@ ENROLMENTS = Channel(
 )
 CHANNELS = (
     *(ORDERS, ACKS, STATUS, COSIGNATURES, PROOFS),
-    *(TRUST_ROOTS, REVOCATIONS, EPOCHS, BUNDLES, TIMES, RENEWALS, ENROLMENTS),
+    *(TRUST_ROOTS, REVOCATIONS, EPOCHS, BUNDLES, TIMES, NODES, RENEWALS, ENROLMENTS),
 )
 
 
