@@ -207,7 +207,6 @@ def serve(args: argparse.Namespace) -> Said:
         say=lambda words: print(words, file=sys.stderr, flush=True),
     )
     service.start()
-    print("serving", file=sys.stderr, flush=True)
     signal.sigwait(stops)
     service.stop()
     counts = dict(sorted(service.desk.counts().items()))

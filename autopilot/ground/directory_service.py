@@ -113,11 +113,14 @@ class Service:
             reply(answer)
 
     def _work(self) -> None:
-        looked_ns = 0
+        looked_ns, linked = 0, False
         while not self._stopped.is_set():
+            if linked != self._wire.linked():
+                linked = not linked
+                self._say("serving" if linked else "nobody is connected")
             with suppress(queue.Empty):
                 self._give(*self._waiting.get(timeout=LOOK_EVERY_S / 5))
-            if self._clock.mono_ns() - looked_ns >= LOOK_EVERY_S * 1e9 and self._wire.linked():
+            if self._clock.mono_ns() - looked_ns >= LOOK_EVERY_S * 1e9 and linked:
                 looked_ns = self._clock.mono_ns()
                 self._look_again()
 
