@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +137,7 @@ def test_making_a_directory_killed_anywhere_can_be_done_again(tmp_path: Path) ->
     code, number = KILLED, 0
     while code == KILLED:
         folder = tmp_path / str(number)
-        code = killed_at(number, lambda folder=folder: make(folder))  # type: ignore[misc]
+        code = killed_at(number, partial(make, folder))
         try:
             directory.open_directory(folder)
         except DirectoryError:

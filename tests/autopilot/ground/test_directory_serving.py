@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -331,7 +332,7 @@ def test_a_renewal_killed_anywhere_can_be_finished(made: World) -> None:
     while DONE not in codes:
         shutil.copytree(root, made.root / "copy")
         alice = load_identity(made.root / "copy")
-        codes.append(killed_at(len(codes), lambda alice=alice: directory_asking.renew_over(Answering(served), alice)))  # type: ignore[misc]
+        codes.append(killed_at(len(codes), partial(directory_asking.renew_over, Answering(served), alice)))
         renewal.finish(made.root / "copy")
         found = load_identity(made.root / "copy")
         assert (found.trust.version, found.revocations.version) in ((1, 1), (5, 3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -87,10 +88,10 @@ def other_device(meeting: Meeting, code: str | None = None) -> bytes:
     )
 
 
-def changed_request(meeting: Meeting, change: Callable[[EnrolmentRequest], object]) -> bytes:
-    """Return the device's request with one change, by somebody who knows the code."""
+def changed_request(meeting: Meeting, change: EnrolmentRequest) -> bytes:
+    """Return the device's request with some fields changed, by somebody who knows the code."""
     request = EnrolmentRequest.FromString(Authenticated.FromString(meeting.ask()).body)
-    change(request)
+    request.MergeFrom(change)
     return authenticated(REQUEST, meeting.secret.mac_key, request)
 
 
@@ -176,7 +177,7 @@ def test_swapped_keys_are_refused(meeting: Meeting) -> None:
         message.body = body.SerializeToString(deterministic=True)
         check_refused(meeting, "mac|code", message.SerializeToString(deterministic=True))
     for name in ("sign_key", "box_key"):
-        check_refused(meeting, "keys", changed_request(meeting, lambda r, n=name: setattr(r, n, getattr(other, n))))  # type: ignore[misc]
+        check_refused(meeting, "keys", changed_request(meeting, EnrolmentRequest(**{name: getattr(other, name)})))
     meeting.admit(request)
 
 
@@ -262,8 +263,13 @@ def test_an_answer_for_others_is_not_believed(meeting: Meeting) -> None:
     alice = meeting.made.root / "alice"
     for name, words in (("token", "other keys"), ("epoch", "wrapped for another")):
         data = (alice / name).read_bytes()
-        check_not_believed(meeting, words, changed_answer(meeting, answer, lambda a, n=name, d=data: setattr(a, n, d)))  # type: ignore[misc]
+        change = partial(_merge, EnrolmentAnswer(**{name: data}))
+        check_not_believed(meeting, words, changed_answer(meeting, answer, change))
     check_not_believed(meeting, "expired", answer, NOW_MS + 30 * 24 * HOUR_MS)
+
+
+def _merge(change: EnrolmentAnswer, answer: EnrolmentAnswer) -> None:
+    answer.MergeFrom(change)
 
 
 def test_loose_permissions_are_refused(meeting: Meeting) -> None:
