@@ -81,7 +81,7 @@ def test_a_lost_drone_is_shut_out(shell: Shell) -> None:
     assert shell.json("directory revoke d wasp-01") == {"root_version": 1, "list_version": 2, "epoch_id": 2}
     assert shell.json("directory refresh d alice")["principal_id"] == "alice"
     held = load_identity(shell.folder / "alice")
-    assert (held.revocations.principals, list(held.epochs), held.known_nodes) == ({"wasp-01"}, [2], {})
+    assert (set(held.revocations.principals), list(held.epochs), len(held.known_nodes)) == ({"wasp-01"}, [2], 0)
     shell.check_refused("directory refresh d wasp", os.EX_DATAERR, "is revoked")
     exported = shell.json(f"directory export d {alice['device_key_id']} out")
     assert (exported["folder"], (shell.folder / "out" / "device.sign").exists()) == ("out", False)

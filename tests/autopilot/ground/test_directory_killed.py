@@ -15,6 +15,7 @@ from autopilot.ground import directory
 from autopilot.ground import directory_changes as changes
 from autopilot.ground import enrolment_desk as desk
 from autopilot.ground.directory import DirectoryError
+from autopilot.ground.directory_changes import Removal
 from autopilot.ground.directory_papers import list_body
 from autopilot.ground.enrolment import make_request, secret_of
 from autopilot.trust import documents, roots
@@ -145,3 +146,44 @@ def test_making_a_directory_killed_anywhere_can_be_done_again(tmp_path: Path) ->
         assert directory.open_directory(folder).trust.version == 1
         number += 1
     assert (code, number > 20) == (DONE, True)
+
+
+def test_commands_at_the_same_time_wait_for_each_other(tmp_path: Path) -> None:
+    """No change is lost, and no version is given out twice."""
+    made = world(tmp_path)
+    children = [_revoking(made) for _ in range(4)]
+    assert [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children] == [DONE] * 4
+    assert made.open().revoked.version == 41
+
+
+def _revoking(made: World) -> int:
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            for _ in range(10):
+                changes.revoke(made.folder, Removal(), NOW_MS, os.urandom)
+            code = DONE
+        finally:
+            os._exit(code)
+    return child
+
+
+def test_a_commit_outlives_a_power_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The new state is synced before it takes the name, and the folder after that."""
+    made, done = world(tmp_path), list[str]()
+    sync, replace = os.fsync, os.replace
+
+    def synced(descriptor: int) -> None:
+        done.append(Path(os.readlink(f"/proc/self/fd/{descriptor}")).name)
+        sync(descriptor)
+
+    def replaced(source: Path, target: Path) -> None:
+        done.append(f"{Path(target).name}!")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", replaced)
+    made.revoke()
+    start = done.index("directory.state.part")
+    assert done[start : start + 3] == ["directory.state.part", "directory.state!", "directory"]

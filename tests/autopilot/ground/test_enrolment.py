@@ -261,9 +261,11 @@ def test_an_answer_for_others_is_not_believed(meeting: Meeting) -> None:
     """Another device's token or group key under this code; or one that has expired."""
     answer = meeting.admit(meeting.ask())
     alice = meeting.made.root / "alice"
-    for name, words in (("token", "other keys"), ("epoch", "wrapped for another")):
-        data = (alice / name).read_bytes()
-        change = partial(_merge, EnrolmentAnswer(**{name: data}))
+    for theirs, words in (
+        (EnrolmentAnswer(token=(alice / "token").read_bytes()), "other keys"),
+        (EnrolmentAnswer(epoch=(alice / "epoch").read_bytes()), "wrapped for another"),
+    ):
+        change = partial(_merge, theirs)
         check_not_believed(meeting, words, changed_answer(meeting, answer, change))
     check_not_believed(meeting, "expired", answer, NOW_MS + 30 * 24 * HOUR_MS)
 
