@@ -96,12 +96,14 @@ def authenticated(context: bytes, mac_key: bytes, body: Message) -> bytes:
 def read(message: type[M], data: bytes, bytes_max: int) -> M:
     """Parse strictly what nobody has vouched for yet. Raises EnrolmentError."""
     parsed, name = message(), message.DESCRIPTOR.name
+    if len(data) > bytes_max:
+        raise EnrolmentError(f"{name} is longer than {bytes_max} bytes")
     try:
-        parsed.ParseFromString(data[: bytes_max + 1])
+        parsed.ParseFromString(data)
     except DecodeError as error:
         raise EnrolmentError(f"{name} can't be parsed") from error
-    if len(data) > bytes_max or not is_canonical(parsed, data):
-        raise EnrolmentError(f"{name} is too long or not in canonical encoding")
+    if not is_canonical(parsed, data):
+        raise EnrolmentError(f"{name} is not in canonical encoding")
     return parsed
 
 

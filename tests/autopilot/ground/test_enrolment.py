@@ -140,6 +140,8 @@ def test_a_code_is_used_once(meeting: Meeting) -> None:
     request = meeting.ask()
     meeting.admit(request)
     check_refused(meeting, "used", other_device(meeting))
+    own = SignKey.from_seed((meeting.out / "device.sign").read_bytes())
+    check_refused(meeting, "used", make_request(meeting.secret, own, BoxKey.from_secret(b"\x06" * 32)))
     meeting.made.revoke("hornet-02")
     check_refused(meeting, "used", request)
 
@@ -215,8 +217,16 @@ def test_every_bit_of_a_request_counts(meeting: Meeting) -> None:
         spoilt[place // 8] ^= 1 << place % 8
         with pytest.raises(desk.Refused):
             meeting.admit(bytes(spoilt))
-    for data in (request[:-1], request + b"\x00", request * 3):
+    for data in (request[:-1], request + b"\x00", request * 3, request + b"\x18\x01"):
         check_refused(meeting, "malformed", data)
+
+
+def test_what_is_read_before_it_is_vouched_for_is_bounded() -> None:
+    """To the byte."""
+    data = Authenticated(body=b"b" * 60).SerializeToString()
+    assert enrolment.read(Authenticated, data, len(data)).body == b"b" * 60
+    with pytest.raises(EnrolmentError, match="longer than 61 bytes"):
+        enrolment.read(Authenticated, data, len(data) - 1)
 
 
 def test_a_stranger_is_not_taken_for_the_directory(meeting: Meeting) -> None:
