@@ -7,9 +7,8 @@ followed, it is answered with the token that followed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from autopilot.ground.directory_folders import write_nodes
 from autopilot.ground.directory_store import durable
@@ -25,8 +24,7 @@ PENDING_FILE: Final = "renewal.pending"  # what was believed, until it lies in i
 FILES: Final = (identity.ROOT_FILE, identity.REVOCATIONS_FILE, identity.EPOCH_FILE, identity.TOKEN_FILE)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fresh:
+class Fresh(NamedTuple):
     """Encoded SignedDocs as somebody offered them; nothing of it is believed yet."""
 
     trust_root: bytes

@@ -51,6 +51,7 @@ def test_revoking_is_cumulative_and_begins_an_epoch(made: World) -> None:
     assert list_body(made.open().state).prev_digest == digest(before)
     assert made.revoke("wasp-01") == Changed(1, 3, 3)
     check_revoked(made, principals=("alice", "wasp-01"))
+    assert (made.folder / "revocations").read_bytes() == made.open().state.revocations
     assert made.live() == []
     assert [epoch.min_revocation_version for epoch in made.open().state.epochs] == [3]
 
@@ -297,7 +298,9 @@ def test_a_token_is_renewed_in_the_second_half_of_its_life(made: World) -> None:
     """Before that the same one is given again; names and roles stay."""
     alice = made.identity("alice")
     renew = changes.renew
+    before = (made.folder / "directory.state").stat().st_ino
     assert renew(made.folder, device_id(alice), NOW_MS + LIFE_MS // 2 - 1, made.random) == alice.token
+    assert (made.folder / "directory.state").stat().st_ino == before
     fresh = renew(made.folder, device_id(alice), NOW_MS + LIFE_MS // 2, made.random)
     assert fresh.token_id != alice.token.token_id
     assert (fresh.not_before_ms, fresh.not_after_ms) == (NOW_MS + LIFE_MS // 2, NOW_MS + LIFE_MS // 2 + LIFE_MS)
@@ -328,6 +331,7 @@ def test_a_folder_is_brought_up_to_date(made: World) -> None:
     directory_folders.write_papers(made.open(), made.root / "alice", token, NOW_MS)
     alice = load_identity(made.root / "alice", NOW_MS)
     assert (alice.trust.version, alice.revocations.version, list(alice.epochs)) == (2, 2, [2])
+    assert [path.name for path in (made.root / "alice" / "nodes").iterdir()] == ["hornet-02.token"]
     assert set(alice.known_nodes) == {"hornet-02"}
     directory_folders.export(made.open(), "alice", made.root / "export", NOW_MS)
     exported = digests(made.root / "export")

@@ -16,7 +16,7 @@ from autopilot.ground import directory_changes as changes
 from autopilot.ground.directory import HOUR_MS
 from autopilot.ground.directory_desk import ASKED, NEEDS, RATES, SIZES, Desk
 from autopilot.ground.directory_papers import EPOCH_LIFE_MS
-from autopilot.ground.directory_service import LEAD_MS, Service
+from autopilot.ground.directory_service import LEAD_MS, WAITING_MAX, Service
 from autopilot.ground.enrolment import EnrolmentError, make_request, secret_of
 from autopilot.trust import documents
 from autopilot.trust.identity import IdentityError, load_identity, open_epoch
@@ -80,6 +80,9 @@ def test_a_device_gets_the_key_in_use_and_the_next(made: World) -> None:
     found = [documents.verify_epoch_bundle(each, made.open().trust) for each in bundles(served, device_id(wasp))]
     assert [open_epoch(each, wasp.sign_key, wasp.box_key).epoch_id for each in found] == [1, 2]
     check_unanswered(served, keys.EPOCHS, b"\x01" * 16, "unreadable")
+    made.rotate("epoch")
+    for each in bundles(served, device_id(wasp)):
+        documents.verify_epoch_bundle(each, made.open().trust)
     made.revoke("wasp-01")
     check_unanswered(served, keys.EPOCHS, device_id(wasp), "unreadable")
 
@@ -234,6 +237,17 @@ def test_epochs_begin_by_the_clock(made: World) -> None:
     assert made.open().state.epochs[0].retire_at_ms == lived.clock.now_ms + EPOCH_LIFE_MS
 
 
+def test_the_time_is_answered_where_it_is_asked(made: World) -> None:
+    """Other questions wait for the thread that may write, a bounded number of them."""
+    service, replies = Lived(made).service, list[bytes]()
+    for _ in range(WAITING_MAX + 1):
+        service._taker(keys.REVOCATIONS)(b"", replies.append)
+    assert (replies, service.desk.counts()) == ([], {"revocations: busy": 1})
+    service._taker(keys.TIMES)(CHALLENGE, replies.append)
+    service._taker(keys.TIMES)(b"short", replies.append)
+    assert len(replies) == 1
+
+
 class Answering(FakeWire):
     """A wire on which a desk, and perhaps others, answer."""
 
@@ -320,6 +334,24 @@ def test_what_is_fresh_must_fit_the_folder(made: World) -> None:
         with pytest.raises(IdentityError, match=words):
             renewal.refresh(alice, fresh(now | {name: data}))
     assert fresh_for(made, "alice") == now
+
+
+def test_of_each_node_the_newest_token_is_kept(made: World) -> None:
+    """Whatever order they come in; what is no node's, revoked or a stranger's is left out."""
+    alice, old = made.identity("alice"), made.identity("wasp-01")
+    shutil.move(made.root / "wasp-01", made.root / "old")
+    new = made.issue("wasp-01", "node", at_ms=NOW_MS + 1)
+    hornet, gone = made.issue("hornet-02", "node"), made.issue("gone", "node")
+    made.revoke("gone")
+    stranger = world(made.root / "stranger", seed=2).identity("wasp-01")
+    parts = fresh_for(made, "alice") | {"revocations": made.open().state.revocations}
+    for order in (1, -1):
+        offered = [each.token_bytes for each in (old, new, hornet, gone, alice, stranger)][::order]
+        renewal.refresh(alice, fresh(parts)._replace(nodes=offered))
+        held = made.identity("alice")
+        assert held.known_nodes == {"wasp-01": new.public_key, "hornet-02": hornet.public_key}
+        names = sorted(path.name for path in (made.root / "alice" / "nodes").iterdir())
+        assert names == ["hornet-02.token", "wasp-01.token"]
 
 
 def test_a_renewal_killed_anywhere_can_be_finished(made: World) -> None:
