@@ -101,6 +101,13 @@ def test_floors_only_grow(made: World) -> None:
     assert made.issue("bob").token.policy_version == 5
 
 
+def test_what_is_out_of_bounds_is_not_kept(made: World) -> None:
+    """Neither in the state nor in a folder."""
+    before = digests(made.root)
+    check_refused("principal_id", made.issue, "No Name")
+    assert digests(made.root) == before
+
+
 @pytest.mark.parametrize("what", ["principal", "device", "token"])
 def test_an_entry_goes_when_all_it_covers_has_expired(made: World, what: str) -> None:
     """Not a moment earlier, by the signer's own time, which the list tells to its readers."""
