@@ -273,6 +273,11 @@ def test_a_root_of_another_deployment_never_follows(made: World) -> None:
     signed = documents.sign(b"waypoint/v1/TrustRoot", other, [made.open().root_key])
     with pytest.raises(DocumentError, match="another deployment"):
         roots.verify_successor(signed, first)
+    other.deployment_id = "coast-watch"
+    other.keys.pop()
+    unwhole = documents.sign(b"waypoint/v1/TrustRoot", other, [made.open().root_key])
+    with pytest.raises(DocumentError, match="one for each purpose"):
+        roots.verify_successor(unwhole, first)
 
 
 def test_a_root_of_several_keys_needs_as_many(tmp_path: Path) -> None:
