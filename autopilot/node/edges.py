@@ -9,9 +9,10 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from autopilot.adapters.eyes import Eyes
-from autopilot.adapters.mesh import MeshAdapter
+from autopilot.adapters.mesh import MeshAdapter, TrustFolder
 from autopilot.adapters.vehicle import VehicleLink
 from autopilot.geo import LocalFrame, Origin
 from autopilot.node.flights import Session
@@ -36,6 +37,7 @@ class Edges:
     mesh: MeshAdapter | None
     vehicle: VehicleLink | None
     eyes: Eyes
+    documents: TrustFolder | None = None
 
     async def start(self) -> None:
         """Start them; none waits for its peer. Raises ValueError and OSError for an address that can't be used."""
@@ -43,6 +45,8 @@ class Edges:
             await self.vehicle.start()
         if self.mesh is not None:
             self.mesh.start()
+        if self.documents is not None:
+            self.documents.start()
         await self.eyes.start()
 
     async def stop(self) -> None:
@@ -52,6 +56,8 @@ class Edges:
             await self.vehicle.stop()
         if self.mesh is not None:
             await asyncio.to_thread(self.mesh.stop)
+        if self.documents is not None:
+            await asyncio.to_thread(self.documents.stop)
 
     def perform(self, record: Record) -> None:
         """Give an effect to the performer of its port. Effects of a port that is not there come to nothing."""
@@ -99,7 +105,9 @@ def make_edges(
         groups=config.find.groups,
         room=lambda: inbox.has_room(InputClass.FRAME),
     )
-    return Edges(mesh, vehicle, eyes)
+    watched = config.node.documents
+    documents = TrustFolder(Path(watched), book.offer) if watched and book is not None else None
+    return Edges(mesh, vehicle, eyes, documents)
 
 
 @dataclass(frozen=True, slots=True)

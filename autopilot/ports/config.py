@@ -27,6 +27,9 @@ class NodeSection(Section):
     keys: str = Field(description="Folder with the device's keys and signed documents; files 0600.")
     flights: str = Field(description="Folder that holds one folder for each flight.")
     projections: str = Field(description="Disposable database of the projections.")
+    documents: str = Field(
+        "", description="Folder that is watched for newer documents of the Directory (an air gap). Empty: none."
+    )
 
 
 class CommandSection(Section):

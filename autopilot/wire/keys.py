@@ -30,7 +30,7 @@ class Channel:
     """One row of the table."""
 
     name: str
-    pattern: str  # with <node> and <cmd_id> as the seed writes them
+    pattern: str  # with <node> and <cmd_id> as the seed writes them, <deployment> and <device_key_id>
     direction: Direction
     envelope_type: int | None  # None: a query, in no envelope
     content: str  # message of package waypoint.v1 that is sealed inside
@@ -101,7 +101,106 @@ PROOFS = Channel(
     recorded=False,
     says="A query, answered with a ConsistencyAnswer; hashes only, so neither is sealed or signed.",
 )
-CHANNELS = (ORDERS, ACKS, STATUS, COSIGNATURES, PROOFS)
+TRUST_ROOTS = Channel(
+    name="trust roots",
+    pattern=f"{PREFIX}/trust/<deployment>/trust_root",
+    direction=Direction.IN,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="The newest TrustRoot: published by the Directory when it changes, and its answer to an empty query.",
+)
+REVOCATIONS = Channel(
+    name="revocations",
+    pattern=f"{PREFIX}/trust/<deployment>/revocations",
+    direction=Direction.IN,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="The newest RevocationList, likewise.",
+)
+EPOCHS = Channel(
+    name="epochs",
+    pattern=f"{PREFIX}/trust/<deployment>/epoch",
+    direction=Direction.IN,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="A query with a device's key id, answered with Documents: its EpochBundles, in use and next.",
+)
+BUNDLES = Channel(
+    name="bundles",
+    pattern=f"{PREFIX}/trust/<deployment>/epoch/<device_key_id>",
+    direction=Direction.IN,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="A new EpochBundle for one device, published when it is made.",
+)
+TIMES = Channel(
+    name="times",
+    pattern=f"{PREFIX}/trust/<deployment>/time",
+    direction=Direction.IN,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="A query with a challenge of 16 bytes, answered with a TimeBeacon.",
+)
+NODES = Channel(
+    name="nodes",
+    pattern=f"{PREFIX}/trust/<deployment>/nodes",
+    direction=Direction.OUT,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="An operator's empty query, answered with Documents: the IdentityTokens of the nodes that there are.",
+)
+RENEWALS = Channel(
+    name="renewals",
+    pattern=f"{PREFIX}/trust/<deployment>/renew",
+    direction=Direction.IN,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="A query with a RenewalRequest signed by a device, answered with its newest IdentityToken.",
+)
+ENROLMENTS = Channel(
+    name="enrolments",
+    pattern=f"{PREFIX}/enrol",
+    direction=Direction.IN,
+    envelope_type=None,
+    content="SignedDoc",
+    rate_hz=None,
+    delivery=Delivery.DROP,
+    input_class=None,
+    recorded=False,
+    says="A query with an EnrolmentRequest under a code, answered with an EnrolmentAnswer; empty: refused.",
+)
+CHANNELS = (
+    *(ORDERS, ACKS, STATUS, COSIGNATURES, PROOFS),
+    *(TRUST_ROOTS, REVOCATIONS, EPOCHS, BUNDLES, TIMES, NODES, RENEWALS, ENROLMENTS),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +234,16 @@ def cosign_key(node: str) -> str:
 def proof_key(node: str) -> str:
     """Key that `node` answers queries for consistency proofs on."""
     return f"{PREFIX}/proof/{node}"
+
+
+def trust_key(channel: Channel, deployment: str) -> str:
+    """Key of one of the Directory's channels in a deployment."""
+    return channel.pattern.replace("<deployment>", deployment)
+
+
+def bundle_key(deployment: str, device_key_id: bytes) -> str:
+    """Key that new EpochBundles for a device are published on."""
+    return trust_key(BUNDLES, deployment).replace("<device_key_id>", device_key_id.hex())
 
 
 def orders_of(node: str) -> str:

@@ -16,6 +16,7 @@ from google.protobuf.message import Message
 from autopilot.adapters.mesh.link import Link, Wire
 from autopilot.adapters.mesh.orders import Locate, Order, order_malformed, order_received, read_order
 from autopilot.adapters.mesh.outbox import ACK_PATIENCE_S, Answer, Outbox
+from autopilot.adapters.mesh.trust_client import TrustClient
 from autopilot.adapters.mesh.witnesses import CosignatureDoor, ProofDoor
 from autopilot.ports.config import MeshSection
 from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Offer, Proving
@@ -25,6 +26,7 @@ from autopilot.trust.envelope import MessageType, Packer
 from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import Random
+from autopilot.trust.limits import DOCUMENT_BYTES_MAX
 from autopilot.trust.tally import Tally
 from autopilot.trust.verdict import Malformed, Rejected
 from autopilot.wire.keys import cosign_key, order_address, orders_of, proof_key
@@ -88,6 +90,7 @@ class MeshAdapter:
         packer = Packer(identity, clock, random, self._believing)
         self._outbox = Outbox(identity.principal_id, self._wire, packer, clock, offer)
         self._taken: Counter[str] = Counter()
+        self._fetching = self._fetcher(book) if book else None
         self._proofs = ProofDoor(clock, proving) if proving else None
         self._cosignatures = CosignatureDoor(identity, clock, judge, offer, book) if judge else None
 
@@ -99,13 +102,30 @@ class MeshAdapter:
             self._wire.subscribe(cosign_key(node), self._cosignatures.receive)
         if self._proofs is not None:
             self._wire.answer(proof_key(node), self._proofs.receive)
+        if self._fetching is not None:
+            self._fetching.start()
         self._outbox.start()
         self._wire.start()
 
     def stop(self) -> None:
         """Send what can leave now, then close."""
+        if self._fetching is not None:
+            self._fetching.stop()
         self._outbox.stop()
         self._wire.stop()
+
+    def _fetcher(self, book: TrustBook) -> TrustClient:
+        """Return what fetches documents for the book from a Directory on the mesh."""
+        identity = self._identity
+        client = TrustClient(
+            self._wire,
+            self._clock,
+            book.offer,
+            deployment_id=identity.deployment_id,
+            device_key_id=identity.sign_key.key_id,
+        )
+        book.ask_through(client)
+        return client
 
     def restore_window(self, nonces: Iterable[tuple[bytes, bytes, int]], *, whole: bool = True) -> None:
         """Remember the log's nonces before `start`: (device_key_id, nonce, milliseconds that remain).
@@ -202,4 +222,10 @@ class MeshAdapter:
 
 def _link(config: MeshSection) -> Link:
     mode: Literal["client", "peer"] = config.mode
-    return Link(mode=mode, connect=config.connect, listen=config.listen, reconnect_ms=config.reconnect_ms)
+    return Link(
+        mode=mode,
+        connect=config.connect,
+        listen=config.listen,
+        reconnect_ms=config.reconnect_ms,
+        answer_bytes_max=DOCUMENT_BYTES_MAX,
+    )

@@ -102,8 +102,10 @@ class Link:
         connect: Sequence[str] = (),
         listen: Sequence[str] = (),
         reconnect_ms: int = 500,
+        answer_bytes_max: int = ANSWER_BYTES_MAX,
     ) -> None:
         """Make a link to `connect` (Zenoh endpoints); peers may also `listen`. `start` opens it."""
+        self._answer_bytes_max = answer_bytes_max
         self._settings = (mode, tuple(connect), tuple(listen), reconnect_ms)
         self._reconnect_s = reconnect_ms / 1000
         self._subscriptions: list[tuple[str, Receive]] = []
@@ -192,7 +194,7 @@ class Link:
             found = [reply.ok.payload.to_bytes() for reply in islice(replies, ANSWERS_MAX) if reply.ok is not None]
         except zenoh.ZError:
             return []
-        return [answer for answer in found if len(answer) <= ANSWER_BYTES_MAX]
+        return [answer for answer in found if len(answer) <= self._answer_bytes_max]
 
     def _open(self) -> None:
         while not self._stopped.is_set():
