@@ -13,7 +13,10 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import NoReturn
 
-COMMANDS = ("demo", "run", "check", "status", "directory", "order", "witness", "flights", "replay", "export", "verify")
+COMMANDS = (
+    *("demo", "run", "check", "status", "directory", "order", "witness", "relay", "flights", "replay", "export"),
+    "verify",
+)
 
 _DESCRIPTION = (
     "Node daemon and ground tools for a camera drone: an event log, statecharts, flights that replay bit for bit."
