@@ -35,7 +35,7 @@ def summary(config: RelayConfig) -> list[str]:
     lines += [f"{name}: {who.side} of {', '.join(who.nodes)}, {_shown(who)}" for name, who in config.who.items()]
     if config.verify is not None and config.inner is not None:
         owners = config.verify.owners
-        known = "whom the Directory vouches for" if owners is None else ", ".join(owners) or "nobody"
+        known = "all whom the Directory vouches for" if owners is None else ", ".join(owners) or "nobody"
         lines.append(f"inward: {', '.join((*config.inner.connect, *config.inner.listen))}")
         lines.append(f"verified: for {', '.join(config.verify.nodes)}, from {known}")
     return lines

@@ -18,6 +18,9 @@ Side = Literal["node", "ground"]
 Settings = dict[str, object]
 
 QUERY_BYTES_MAX: Final = 4096  # an answer of a proof; a question is far shorter
+# Half-open connections keep newcomers out until they are shed, which Zenoh does after 10 s unless it is told.
+ACCEPT_MS: Final = 3_000  # a handshake over a satellite link takes a second and a half
+ACCEPTS_PENDING: Final = 256  # handshakes at a time
 # What a sender does, what a taker does, as Zenoh names it, by the way it crosses the relay's door.
 _SAYS: Final = (("ingress", ("put",)), ("egress", ("declare_subscriber",)))
 _HEARS: Final = (("egress", ("put",)), ("ingress", ("declare_subscriber",)))
@@ -48,6 +51,8 @@ def _settings(config: RelayConfig, side: OuterSection | InnerSection, sides: Seq
         "downsampling": downsampling(config.rates),
         "low_pass_filter": low_pass(),
         "transport/unicast/max_sessions": side.max_sessions,
+        "transport/unicast/accept_timeout": ACCEPT_MS,
+        "transport/unicast/accept_pending": ACCEPTS_PENDING,
         "adminspace/enabled": False,
         "plugins_loading/enabled": False,
         **_tls(side.tls, listens=True),

@@ -205,7 +205,7 @@ def test_a_nonce_is_remembered_for_as_long_as_its_envelope_could_come_again() ->
 @pytest.mark.parametrize("entry", ["principals", "device_key_ids", "token_ids"])
 def test_who_is_revoked_does_not_pass(entry: str) -> None:
     """By each of the three kinds of entries, and also when the token is known already."""
-    names: dict[str, frozenset[Any]] = {
+    names: dict[str, Any] = {
         "principals": frozenset({"alice"}),
         "device_key_ids": frozenset({ALICE.sign_key.key_id}),
         "token_ids": frozenset({ALICE.token.token_id}),
