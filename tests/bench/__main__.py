@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import sys
 
-from tests.bench import append, latency, reading
+from tests.bench import append, flood, latency, load, reading
 from tests.bench.frame import RESULT, Bench, Row, save, table
 
-BENCHES: tuple[Bench, ...] = (*append.BENCHES, *reading.BENCHES, *latency.BENCHES)
+BENCHES: tuple[Bench, ...] = (*append.BENCHES, *reading.BENCHES, *latency.BENCHES, *load.BENCHES, *flood.BENCHES)
 
 
 def main(names: list[str]) -> int:
