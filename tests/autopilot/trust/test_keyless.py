@@ -296,12 +296,14 @@ def test_what_is_not_authentic_grows_nothing() -> None:
 
 def test_buckets_of_devices_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """The one that was silent longest goes."""
-    monkeypatch.setattr(keyless, "DEVICES_MAX", 1)
+    monkeypatch.setattr(keyless, "DEVICES_MAX", 2)
     gate = relay_gate(rates=replace(WIDE, device_per_s=1, device_burst=1))
     check(Forge(ALICE).envelope(), "", gate)
-    check(Forge(ALICE, seq=2).envelope(), "device_rate", gate)
     check(Forge(people().bob).envelope(), "", gate)
-    check(Forge(ALICE, seq=3).envelope(), "", gate)
+    check(Forge(ALICE, seq=2).envelope(), "device_rate", gate)
+    check(Forge(people().viewer).envelope(), "", gate)
+    check(Forge(ALICE, seq=3).envelope(), "device_rate", gate)
+    check(Forge(people().bob, seq=2).envelope(), "", gate)
 
 
 def test_known_tokens_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
