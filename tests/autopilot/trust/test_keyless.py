@@ -197,6 +197,7 @@ def test_a_nonce_is_remembered_for_as_long_as_its_envelope_could_come_again() ->
     gate, payload = relay_gate(clock), Forge(ALICE).envelope()
     check(payload, "", gate)
     clock.now_ms += 10_000 + limits.SKEW_MS
+    check(Forge(people().bob, issued_at_ms=clock.now_ms).envelope(), "", gate)  # what is over is forgotten now
     check(payload, "replay", gate)
     clock.now_ms += 1
     check(payload, "clock_stale", gate)
