@@ -140,9 +140,13 @@ def test_it_listens_to_what_it_relays_and_to_nothing_else() -> None:
 
 
 def test_each_device_and_all_together_have_the_rates_that_are_configured() -> None:
-    wires = Wires(device_per_s=1, device_burst=2, samples_per_s=1, samples_burst=4)
+    wires = Wires(device_per_s=1, device_burst=2, samples_per_s=3, samples_burst=4)
     samples = [(ORDERS, KEY, sealed(people().alice, MessageType.ORDER, KEY, seq)) for seq in range(1, 6)]
     assert wires.after(*samples)["orders"] == {"received": 5, "passed": 2, "device_rate": 2, "rate": 1}
+    wires.clock.now_ms += 1000
+    for seq in range(6, 10):
+        wires.relay.receive(ORDERS, KEY, sealed(people().alice, MessageType.ORDER, KEY, seq))
+    assert wires.relay.counts()["orders"] == {"received": 9, "passed": 3, "device_rate": 4, "rate": 2}
 
 
 def test_a_dead_link_is_counted() -> None:
@@ -217,8 +221,14 @@ def test_a_question_goes_inward_and_the_first_answer_back() -> None:
 
 
 def test_a_question_that_nobody_answers_is_not_answered() -> None:
-    replied, counts = asked(FakeWire(), [b"question"])
-    assert (replied, counts["asked"], counts["answered"]) == ([], 1, 0)
+    """Nor does it keep the next one from its answer."""
+
+    class Once(FakeWire):
+        def ask(self, key_expr: str, question: bytes, timeout_s: float) -> list[bytes]:
+            return [b"answer"] if question == b"second" else []
+
+    replied, counts = asked(Once(), [b"first", b"second"])
+    assert (replied, counts["asked"], counts["answered"]) == ([b"answer"], 2, 1)
 
 
 def test_questions_are_bounded_in_size_and_number() -> None:
