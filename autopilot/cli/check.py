@@ -10,12 +10,15 @@ import sys
 from typing import Any
 
 from autopilot.cli.configuration import DEFAULT_PATH, VARIABLE, ConfigurationError, load
+from autopilot.cli.relay_file import is_relay, load_relay
+from autopilot.cli.relay_file import summary as relay_summary
 from autopilot.ports.config import Config
 
 EPILOG = """\
 examples:
   autopilot check --config examples/drone.toml --elsewhere
   autopilot check --config config.toml --json | jq '.problems[].line'
+  autopilot check --config examples/relay.toml --elsewhere    a relay's is known by its [relay]
   autopilot check --schema > autopilot.schema.json     for the editor
 
 exit codes: 0 the configuration is good, 78 it is not (every problem is on stderr)
@@ -44,14 +47,16 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(Config.model_json_schema(), indent=2))
         return 0
     try:
-        config = load(args.config, os.environ, inputs=not args.elsewhere)
+        if is_relay(args.config):
+            lines = relay_summary(load_relay(args.config, inputs=not args.elsewhere))
+        else:
+            lines = summary(load(args.config, os.environ, inputs=not args.elsewhere))
     except ConfigurationError as error:
         if args.json:
             problems = [dataclasses.asdict(problem) for problem in error.problems]
             print(json.dumps({"good": False, "problems": problems, "summary": []}))
         print(error, file=sys.stderr)
         return error.exit_code
-    lines = summary(config)
     if args.json:
         print(json.dumps({"good": True, "problems": [], "summary": lines}))
     else:

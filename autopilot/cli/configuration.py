@@ -15,16 +15,16 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from autopilot.cli.toml_lines import Key, lines_of
-from autopilot.ports.config import Config
+from autopilot.ports.config import Config, Section
 
 DEFAULT_PATH = "/etc/autopilot/config.toml"
 VARIABLE = "AUTOPILOT_CONFIG"
@@ -33,6 +33,7 @@ EX_CONFIG = 78
 OWN_PATHS: tuple[Key, ...] = (("node", "keys"), ("node", "flights"), ("node", "projections"))
 INPUT_PATHS: tuple[Key, ...] = (("eyes", "path"), ("eyes", "model"))
 
+S = TypeVar("S", bound=Section)
 Tables = dict[str, Any]
 Places = dict[Key, tuple[str, int]]
 
@@ -81,16 +82,50 @@ def load(path: str | None, environ: Mapping[str, str], *, inputs: bool = True) -
     if problems:
         raise ConfigurationError(tuple(problems))
     main = str(_main_file(path, environ))
-    try:
-        # Judged as JSON, strictly: a list may be a tuple and 1 may be 1.0, but "1" is no number.
-        config = Config.model_validate_json(json.dumps(tables, default=str), strict=True)
-    except ValidationError as error:
-        found = [_problem(detail, places, main) for detail in error.errors()]
-        raise ConfigurationError(tuple(sorted(found, key=lambda problem: (problem.file, problem.line)))) from None
+    config = _judged(Config, tables, places, main)
     problems = list(_absent(config, places, main)) if inputs else []
     if problems:
         raise ConfigurationError(tuple(problems))
     return config
+
+
+def load_as(model: type[S], path: str, *, paths: Sequence[Key], inputs: Sequence[Key] = ()) -> S:
+    """Return the configuration of another part of the house, from one file. Raises `ConfigurationError`.
+
+    `paths`: keys whose relative values start at the file's folder; `inputs`: those that must exist.
+    """
+    tables, lines = _read(Path(path), paths)
+    places = {key: (path, line) for key, line in lines.items()}
+    config = _judged(model, tables, places, path)
+    wanted = [(key, value) for key in inputs if isinstance(value := _at(tables, key), str)]
+    absent = [(key, value) for key, value in wanted if not os.path.exists(value)]
+    if absent:
+        where = [(*places.get(key, (path, 0)), key, value) for key, value in absent]
+        raise ConfigurationError(
+            tuple(
+                Problem(file=file, line=line, key=".".join(key), reason=f"there is no {value}")
+                for file, line, key, value in where
+            )
+        )
+    return config
+
+
+def _judged(model: type[S], tables: Tables, places: Places, main: str) -> S:
+    """Return the tables as `model`. Raises `ConfigurationError` with every problem there is."""
+    try:
+        # Judged as JSON, strictly: a list may be a tuple and 1 may be 1.0, but "1" is no number.
+        return model.model_validate_json(json.dumps(tables, default=str), strict=True)
+    except ValidationError as error:
+        found = [_problem(detail, places, main, model) for detail in error.errors()]
+        raise ConfigurationError(tuple(sorted(found, key=lambda problem: (problem.file, problem.line)))) from None
+
+
+def _at(tables: Tables, key: Key) -> Any:
+    """Return the value of a dotted key; None where there is none."""
+    value: Any = tables
+    for part in key:
+        value = value.get(part) if isinstance(value, dict) else None
+    return value
 
 
 def _main_file(path: str | None, environ: Mapping[str, str]) -> Path:
@@ -104,7 +139,7 @@ def _files(path: str | None, environ: Mapping[str, str]) -> list[Path]:
     return [main, *sorted(main.parent.glob("config.d/*.toml"))]
 
 
-def _read(file: Path) -> tuple[Tables, dict[Key, int]]:
+def _read(file: Path, paths: Sequence[Key] = OWN_PATHS + INPUT_PATHS) -> tuple[Tables, dict[Key, int]]:
     """Return a file's tables, its paths made absolute, and the line of each key."""
     try:
         text = file.read_bytes().decode()
@@ -117,11 +152,10 @@ def _read(file: Path) -> tuple[Tables, dict[Key, int]]:
         raise _failed(file, error.object.count(b"\n", 0, error.start) + 1, "is not UTF-8 here") from None
     except tomllib.TOMLDecodeError as error:
         raise _syntax(file, str(error), text) from None
-    for section, name in OWN_PATHS + INPUT_PATHS:
-        table = tables.get(section)
-        value = table.get(name) if isinstance(table, dict) else None
+    for key in paths:
+        table, value = _at(tables, key[:-1]), _at(tables, key)
         if isinstance(table, dict) and isinstance(value, str) and value:
-            table[name] = os.path.normpath(file.absolute().parent / value)
+            table[key[-1]] = os.path.normpath(file.absolute().parent / value)
     return tables, lines_of(text)
 
 
@@ -159,21 +193,21 @@ def _absent(config: Config, places: Places, main: str) -> Iterator[Problem]:
             yield Problem(file=file, line=line, key=".".join(key), reason=f"no file {path}")
 
 
-def _problem(detail: ErrorDetails, places: Places, main: str) -> Problem:
+def _problem(detail: ErrorDetails, places: Places, main: str, model: type[BaseModel]) -> Problem:
     """Return what pydantic found in words, at the line of the key or of the nearest table around it."""
     key = tuple(str(part) for part in detail["loc"])
     if detail["type"] == "value_error":  # a table judged as a whole; its words begin with the key
         key = (*key, detail["msg"].removeprefix("Value error, ").split()[0])
     file, line = next((places[key[:n]] for n in range(len(key), 0, -1) if key[:n] in places), (main, 0))
     named = ".".join(part for part in key if not part.isdigit())
-    return Problem(file=file, line=line, key=named, reason=_reason(detail, key))
+    return Problem(file=file, line=line, key=named, reason=_reason(detail, key, model))
 
 
-def _reason(detail: ErrorDetails, key: Key) -> str:
+def _reason(detail: ErrorDetails, key: Key, model: type[BaseModel]) -> str:
     """Return what is wrong with a key, in words."""
     match detail["type"]:
         case "extra_forbidden":
-            return f"is not a key of the configuration{_suggestion(key)}"
+            return f"is not a key of the configuration{_suggestion(key, model)}"
         case "missing":
             return "has too few values" if key[-1].isdigit() else "is missing"
         case "value_error":
@@ -183,14 +217,14 @@ def _reason(detail: ErrorDetails, key: Key) -> str:
     return f"{told}, not {json.dumps(given)}" if isinstance(given, bool | int | float | str) else told
 
 
-def _suggestion(key: Key) -> str:
+def _suggestion(key: Key, model: type[BaseModel]) -> str:
     """Return what was probably meant: a like name in this table, or the same name in another."""
-    siblings = _fields(Config, key[:-1])
+    siblings = _fields(model, key[:-1])
     near = difflib.get_close_matches(key[-1], siblings, n=1, cutoff=0.6)
     if near:
         return f'; did you mean "{near[0]}"?'
-    tables = [name for name, field in Config.model_fields.items() if _is_table(field.annotation)]
-    homes = [name for name in tables if key[-1] in _fields(Config, (name,))]
+    tables = [name for name, field in model.model_fields.items() if _is_table(field.annotation)]
+    homes = [name for name in tables if key[-1] in _fields(model, (name,))]
     if homes:
         return "; it belongs to " + " or ".join(f"[{name}]" for name in homes)
     return f"; known here: {', '.join(siblings)}"
@@ -198,12 +232,16 @@ def _suggestion(key: Key) -> str:
 
 def _fields(model: type[BaseModel], key: Key) -> list[str]:
     """Return the keys that a table may have; none where it is no table."""
+    named = False  # a table of tables: the next part is a name that the file gives
     for part in key:
+        if named:
+            named = False
+            continue
         field = model.model_fields.get(part)
         inner = _table_of(field.annotation) if field is not None else None
-        if inner is None:
+        if field is None or inner is None:
             return []
-        model = inner
+        model, named = inner, get_origin(field.annotation) is dict
     return list(model.model_fields)
 
 

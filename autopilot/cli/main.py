@@ -14,7 +14,7 @@ from importlib.metadata import version
 from typing import NoReturn
 
 COMMANDS = (
-    *("demo", "run", "check", "status", "directory", "enrol", "order", "witness"),
+    *("demo", "run", "check", "status", "directory", "enrol", "order", "witness", "relay"),
     *("flights", "replay", "export", "verify"),
 )
 

@@ -10,9 +10,7 @@ import hashlib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
-from typing import Final, Generic, NoReturn, TypeVar
-
-from google.protobuf.message import DecodeError, Message
+from typing import Final, Generic, TypeVar
 
 from autopilot.trust import limits
 from autopilot.trust.believing import Believing, Fixed, Heard
@@ -21,21 +19,20 @@ from autopilot.trust.documents import (
     DocumentError,
     DocumentMalformed,
     DocumentUnsigned,
-    is_canonical,
     parse,
     verify_token,
 )
 from autopilot.trust.envelope import (
-    VERSION,
     MessageType,
-    ciphertext_limit,
-    envelope_limit,
     open_sealed,
     sealing_key,
     signature_input,
 )
 from autopilot.trust.freshness import Time, life_of, nonce_life_of
 from autopilot.trust.identity import Epoch, Identity
+from autopilot.trust.keyless import Drop as _Drop
+from autopilot.trust.keyless import container, header_of
+from autopilot.trust.keyless import drop as _drop
 from autopilot.trust.keys import SealBroken, SignatureInvalid, digest, key_id, verify
 from autopilot.trust.tally import Tally
 from autopilot.trust.verdict import Malformed, Opened, Rejected, Sealed, Sender, Unreadable
@@ -44,15 +41,6 @@ from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, IdentityTok
 
 NS_PER_MS: Final = 1_000_000
 T = TypeVar("T")
-M = TypeVar("M", bound=Message)
-
-
-class _Drop(Exception):
-    """Leaves the gate for the counter that it names."""
-
-
-def _drop(reason: str) -> NoReturn:
-    raise _Drop(reason)
 
 
 class Gate(Generic[T]):
@@ -176,9 +164,9 @@ class Gate(Generic[T]):
         if not self._bucket.take(self._clock.mono_ns()):
             _drop("rate")
         # 2. Container.
-        envelope = self._container(payload)
+        envelope = container(payload, self._type)
         # 3. Header.
-        header = self._header(envelope)
+        header = header_of(envelope, self._type)
         # 4. Route.
         if header.key_expr != key_expr or not self._is_ours(key_expr):
             _drop("route")
@@ -228,41 +216,6 @@ class Gate(Generic[T]):
             overdue_ms=max(0, time.earliest_ms - held.revocations.next_update_ms),
             before_memory=before_memory,
         )
-
-    def _container(self, payload: bytes) -> AuthEnvelope:
-        if not limits.ENVELOPE_BYTES_MIN <= len(payload) <= envelope_limit(self._type):
-            _drop("size")
-        envelope = _parsed(AuthEnvelope, payload, "env")
-        if not 0 < len(envelope.header) <= limits.HEADER_BYTES_MAX:
-            _drop("shape")
-        if not 0 < len(envelope.token) <= limits.TOKEN_BYTES_MAX:
-            _drop("shape")
-        if not limits.TAG_BYTES < len(envelope.ciphertext) <= ciphertext_limit(self._type):
-            _drop("shape")
-        if len(envelope.device_signature) != limits.SIGNATURE_BYTES:
-            _drop("shape")
-        if envelope.v != VERSION:
-            _drop("version")
-        return envelope
-
-    def _header(self, envelope: AuthEnvelope) -> EnvelopeHeader:
-        header = _parsed(EnvelopeHeader, envelope.header, "hdr")
-        if header.type != self._type:
-            _drop("type")
-        lengths = (
-            (len(header.device_key_id), limits.KEY_ID_BYTES),
-            (len(header.token_digest), limits.KEY_BYTES),
-            (len(header.nonce), limits.NONCE_BYTES),
-            (len(header.body_commitment), limits.KEY_BYTES),
-        )
-        if any(length != wanted for length, wanted in lengths) or len(header.in_reply_to) not in (0, limits.KEY_BYTES):
-            _drop("shape")
-        if int.from_bytes(header.nonce[:8], "little") != header.seq or len(header.node_challenge) not in (0, 16):
-            _drop("shape")
-        texts = (header.key_expr, header.owner_principal_id, header.deployment_id)
-        if any(len(text) > limits.TEXT_CHARACTERS_MAX for text in texts):
-            _drop("shape")
-        return header
 
     def _check_clock(self, header: EnvelopeHeader, time: Time) -> None:
         if not 0 < header.ttl_ms <= limits.TTL_MS_MAX:
@@ -353,17 +306,6 @@ class Gate(Generic[T]):
         except DocumentMalformed as error:
             raise Unreadable(str(error)) from error
         return Opened(message, body.order_seq, body.content, self._reader(message, body.content))
-
-
-def _parsed(message: type[M], data: bytes, part: str) -> M:
-    parsed = message()
-    try:
-        parsed.ParseFromString(data)
-    except DecodeError:
-        _drop(f"parse_{part}")
-    if not is_canonical(parsed, data):
-        _drop(f"noncanonical_{part}")
-    return parsed
 
 
 def _epoch(held: Identity, epoch_id: int, time: Time) -> Epoch:

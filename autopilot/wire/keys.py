@@ -197,10 +197,9 @@ ENROLMENTS = Channel(
     recorded=False,
     says="A query with an EnrolmentRequest under a code, answered with an EnrolmentAnswer; empty: refused.",
 )
-CHANNELS = (
-    *(ORDERS, ACKS, STATUS, COSIGNATURES, PROOFS),
-    *(TRUST_ROOTS, REVOCATIONS, EPOCHS, BUNDLES, TIMES, NODES, RENEWALS, ENROLMENTS),
-)
+NODE_CHANNELS = (ORDERS, ACKS, STATUS, COSIGNATURES, PROOFS)
+DIRECTORY_CHANNELS = (TRUST_ROOTS, REVOCATIONS, EPOCHS, BUNDLES, TIMES, NODES, RENEWALS, ENROLMENTS)
+CHANNELS = (*NODE_CHANNELS, *DIRECTORY_CHANNELS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 
-from tests.bench import append, growth, latency, reading, seeking
+from tests.bench import append, flood, growth, latency, load, reading, seeking
 from tests.bench.frame import RESULT, Bench, Row, save, table
 
 BENCHES: tuple[Bench, ...] = (
@@ -17,6 +17,8 @@ BENCHES: tuple[Bench, ...] = (
     *seeking.BENCHES,
     *growth.BENCHES,
     *latency.BENCHES,
+    *load.BENCHES,
+    *flood.BENCHES,
 )
 
 

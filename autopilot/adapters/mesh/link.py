@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import islice
 from typing import Literal, Protocol
@@ -61,8 +61,9 @@ def session_config(
     connect: Sequence[str] = (),
     listen: Sequence[str] = (),
     reconnect_ms: int = 500,
+    over: Mapping[str, object] | None = None,
 ) -> zenoh.Config:
-    """Return the configuration of every session of this project.
+    """Return the configuration of every session of this project; `over` lies over it, path by path.
 
     A client opens once and fails at once (the opener tries again; once open, Zenoh itself
     reconnects and declares again). A peer keeps connecting in the background by itself. Peers
@@ -87,7 +88,7 @@ def session_config(
         "transport/link/rx/max_message_size": RX_MESSAGE_BYTES_MAX,
     }
     config = zenoh.Config()
-    for path, value in settings.items():
+    for path, value in (settings | dict(over or {})).items():
         config.insert_json5(path, json.dumps(value))
     return config
 
@@ -98,15 +99,16 @@ class Link:
     def __init__(
         self,
         *,
-        mode: Literal["client", "peer"] = "client",
+        mode: Literal["client", "peer", "router"] = "client",
         connect: Sequence[str] = (),
         listen: Sequence[str] = (),
         reconnect_ms: int = 500,
         answer_bytes_max: int = ANSWER_BYTES_MAX,
+        over: Mapping[str, object] | None = None,
     ) -> None:
-        """Make a link to `connect` (Zenoh endpoints); peers may also `listen`. `start` opens it."""
+        """Make a link to `connect` (Zenoh endpoints); peers and routers may also `listen`. `start` opens it."""
         self._answer_bytes_max = answer_bytes_max
-        self._settings = (mode, tuple(connect), tuple(listen), reconnect_ms)
+        self._settings = (mode, tuple(connect), tuple(listen), reconnect_ms, over)
         self._reconnect_s = reconnect_ms / 1000
         self._subscriptions: list[tuple[str, Receive]] = []
         self._answerers: list[tuple[str, Answer]] = []
@@ -129,6 +131,10 @@ class Link:
             session, self._session = self._session, None
         if session is not None:
             session.close()  # type: ignore[no-untyped-call]
+
+    def opened(self) -> bool:
+        """Say whether there is a session; one that listens then does."""
+        return self._session is not None
 
     def linked(self) -> bool:
         """Say whether a router or peer is connected now."""

@@ -55,7 +55,10 @@ def check_problems(folder: Path, text: str, expected: str) -> None:
         ('[mesh]\nmode = "pear"', "6 | mesh.mode | must be 'client' or 'peer', not \"pear\""),
         ("[eyes]\nmodel = 1979-05-27\nthreads = 1.5", "7 | eyes.threads | must be a valid integer, not 1.5"),
         ('[command]\ncamera_roles = [\n  "a",\n  2,\n]', "6 | command.camera_roles | must be a valid string, not 2"),
-        ("mesh = 3", "5 | node.mesh | is not a key of the configuration; known here: keys, flights, projections"),
+        (
+            "mesh = 3",
+            "5 | node.mesh | is not a key of the configuration; known here: keys, flights, projections, documents",
+        ),
         ('[eyes]\nsource = "file"', '6 | eyes.source | source = "file" needs path and model'),
         (
             "[flight]\norigin = [8.5, 47.4]",
