@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.house import REPO
-from tests.torture import faults, kills, powercut
+from tests.torture import faults, fuzz, gate_mutants, kills, powercut
 
 RESULTS = Path(__file__).with_name("results")
 Report = Callable[[str], None]
@@ -25,6 +25,8 @@ Run = Callable[[int | None, int, Report], dict[str, Any]]
 # Each is given how often (None: the full count), the first seed, and whom to tell how far it is.
 AREAS: dict[str, Run] = {
     "faults": faults.run,
+    "fuzz": fuzz.run,
+    "gate_mutants": gate_mutants.run,
     "kills": kills.run,
     "powercut": powercut.run,
 }
