@@ -132,7 +132,7 @@ def _of_fields(random: Random, data: bytes) -> bytes:
 def _fields(random: Random, data: bytes) -> bytes:
     chunks = [(number, data[start:stop]) for number, _, start, stop in independent.spans(data)]
     at, other = random.randrange(len(chunks)), random.randrange(len(chunks))
-    number, chunk = chunks[at]
+    number = chunks[at][0]
     what = random.randrange(7)
     if what == 0:
         del chunks[at]

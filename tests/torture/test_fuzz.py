@@ -7,8 +7,6 @@ from random import Random
 
 import pytest
 
-from autopilot.trust.verdict import Malformed, Rejected, Unreadable
-from tests.autopilot.trust.world import KEY
 from tests.torture.fuzz import Fuzz, Share, share_of
 from tests.torture.fuzzing import INSIDERS, OUTSIDERS, Case, insider, originals, outsider, splices
 
@@ -59,10 +57,6 @@ def test_it_is_the_same_every_time() -> None:
     assert signed[0] == signed[1]
 
 
-def refuse(*_: object) -> bytes:
-    raise Unreadable("odd")
-
-
 @pytest.mark.parametrize(
     ("payload", "expected", "said"),
     [(originals()[0], ("",), "opened"), (b"", ("opened",), "size"), (originals()[0], ("malformed",), "opened")],
@@ -95,10 +89,3 @@ def test_a_table_that_grows_is_found() -> None:
         fuzz.check_bounded()
     with pytest.raises(AssertionError, match="bytes more"):
         fuzz.found(5_000_000)
-
-
-def test_what_the_reader_refuses_is_told_apart() -> None:
-    fuzz = Fuzz(1)
-    fuzz.gate._reader = refuse  # type: ignore[assignment]
-    assert isinstance(fuzz.gate.judge(KEY, originals()[0]), Malformed)
-    assert isinstance(fuzz.gate.judge(KEY, b""), Rejected)
