@@ -19,6 +19,10 @@ def test_a_sample_of_forged_and_of_signed_samples(seed: int) -> None:
     assert found.verdicts["internal"] == 0
     assert found.verdicts["opened"] > 100
     assert found.verdicts["malformed"] > 200
+    assert set(found.believed) == {
+        *("splice", "good", "unknown variant", "bodies", "out of range", "identifiers", "contents"),
+    }
+    assert (found.believed["splice"], found.believed["good"]) == (3, found.kinds["good"])
     assert {name for name, _ in (*OUTSIDERS, *INSIDERS)} | {"splice"} == set(found.kinds)
 
 

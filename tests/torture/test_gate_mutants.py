@@ -108,3 +108,26 @@ def test_a_faulty_module_is_found_and_a_true_one_is_not(monkeypatch: pytest.Monk
     assert "le64(len(parts))" in true
     faulty = true.replace("le64(len(parts))", "le64(len(parts) + 1)")
     check_caught([true, faulty, "raise ImportError"], [False, False, True, True], monkeypatch)
+
+
+@pytest.mark.parametrize(("found", "words"), [("", "2 of 3 mutants survived"), ("tests/test_a.py::test_b", "")])
+def test_a_survivor_ends_the_run(found: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def answered(asked: Sequence[Mutant | None]) -> list[str]:
+        first = "" if asked == [None] else "tests/test_a.py::test_a"
+        return [first, *(found for _ in asked[1:])]
+
+    monkeypatch.setattr(gate_mutants, "caught", answered)
+    told: list[str] = []
+    if words:
+        with pytest.raises(AssertionError, match=words):
+            gate_mutants.run(3, 1, told.append)
+        assert len([line for line in told if line.startswith("survived: ")]) == 2
+    else:
+        counts = gate_mutants.run(3, 1, told.append)
+        assert (counts["mutants"], len(counts["caught_by"])) == (3, 3)
+
+
+def test_tests_that_fail_without_a_mutant_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate_mutants, "caught", lambda asked: ["tests/test_a.py::test_b"] * len(asked))
+    with pytest.raises(AssertionError, match="without a mutant"):
+        gate_mutants.run(3, 1, print)

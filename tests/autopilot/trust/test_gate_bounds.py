@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from autopilot.trust import documents, gate, pae
-from autopilot.trust.documents import DocumentUnsigned, Revocations
+from autopilot.trust.documents import DocumentUnsigned
 from autopilot.trust.envelope import MessageType, ciphertext_limit, envelope_limit
 from autopilot.trust.identity import open_epoch
 from autopilot.trust.keys import BoxKey, SealBroken, SignKey, wrap
@@ -134,8 +134,3 @@ def test_who_holds_a_devices_box_key_can_not_be_its_directory() -> None:
     for thief in (SignKey.from_seed(alice.box_key.secret), people().hornet.sign_key, made.purpose_keys["token"]):
         with pytest.raises(DocumentUnsigned):
             documents.verify_epoch_bundle(documents.sign(pae.EPOCH_BUNDLE, forged, [thief]), made.trust)
-
-
-def test_a_list_that_names_nobody_covers_nobody() -> None:
-    empty = Revocations(1, NOW_MS, frozenset(), frozenset(), frozenset(), 0, 0)
-    assert not empty.covers(people().alice.token)

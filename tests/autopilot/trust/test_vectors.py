@@ -153,7 +153,8 @@ def test_every_intermediate_of_a_message(name: str) -> None:
 
 def test_an_ack_names_the_order_that_it_answers() -> None:
     assert MESSAGES["ack"]["in_reply_to"] == MESSAGES["order"]["digest"]
-    assert independent.fields(bytes.fromhex(MESSAGES["ack"]["header"]))[14].hex() == MESSAGES["order"]["digest"]  # type: ignore[union-attr]
+    header = independent.fields(bytes.fromhex(MESSAGES["ack"]["header"]))
+    assert header[14] == bytes.fromhex(MESSAGES["order"]["digest"])
     assert MESSAGES["order"]["in_reply_to"] == MESSAGES["status"]["in_reply_to"] == ""
 
 
