@@ -7,7 +7,8 @@ from random import Random
 
 import pytest
 
-from tests.torture.fuzz import Fuzz, Share, share_of
+from tests.autopilot.trust.world import people
+from tests.torture.fuzz import Fuzz, Share, located, share_of
 from tests.torture.fuzzing import INSIDERS, OUTSIDERS, Case, insider, originals, outsider, splices
 
 
@@ -93,3 +94,30 @@ def test_a_table_that_grows_is_found() -> None:
         fuzz.check_bounded()
     with pytest.raises(AssertionError, match="bytes more"):
         fuzz.found(5_000_000)
+
+
+def test_a_cache_that_grows_is_found() -> None:
+    fuzz = Fuzz(1)
+    fuzz.check(Case("good", originals()[0], ("opened",)), "here")
+    fuzz.forget()
+    token = people().alice.token
+    for number in range(4):
+        fuzz.gate._tokens[number.to_bytes(32, "big")] = token
+    for check in (fuzz.check_untouched, fuzz.check_bounded):
+        with pytest.raises(AssertionError):
+            check()
+
+
+def test_a_sample_that_is_counted_twice_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    fuzz = Fuzz(1)
+    judge = fuzz.gate.judge
+    monkeypatch.setattr(fuzz.gate, "judge", lambda key, payload: (judge(key, payload), judge(key, payload))[1])
+    with pytest.raises(AssertionError, match="here"):
+        fuzz.check(Case("made up", b"", ("size",)), "here")
+
+
+@pytest.mark.parametrize("place", [(900_000_001, 0), (-900_000_001, 0), (0, 1_800_000_001), (0, -1_800_000_001)])
+def test_a_place_outside_this_world_is_found(place: tuple[int, int]) -> None:
+    with pytest.raises(AssertionError):
+        located(*place, 0)
+    assert located(900_000_000, -1_800_000_000, 1).altitude_mm == 1
