@@ -17,7 +17,19 @@ from pathlib import Path
 from typing import Any
 
 from tests.house import REPO
-from tests.torture import attacks, blame, faults, kills, matrix, powercut, redact, rot, witness
+from tests.torture import (
+    attacks,
+    blame,
+    faults,
+    fuzz,
+    gate_mutants,
+    kills,
+    matrix,
+    powercut,
+    redact,
+    rot,
+    witness,
+)
 
 RESULTS = Path(__file__).with_name("results")
 Report = Callable[[str], None]
@@ -27,6 +39,8 @@ AREAS: dict[str, Run] = {
     "attacks": attacks.run,
     "blame": blame.run,
     "faults": faults.run,
+    "fuzz": fuzz.run,
+    "gate_mutants": gate_mutants.run,
     "kills": kills.run,
     "matrix": matrix.run,
     "powercut": powercut.run,
