@@ -33,7 +33,7 @@ MAY_WRITE: dict[str, tuple[str, ...]] = {
     "step_failed": ("failures",),
     "order_received": ("arrival", "nonces", "orders", "owed_acks", "forgot_ns"),
     "order_malformed": ("nonces", "orders", "owed_acks", "forgot_ns"),
-    "send_ack": ("owed_acks",),
+    "send_ack": ("orders", "owed_acks"),
     "ack_published": ("owed_acks",),
     "point_at_place": ("effects", "pois", "scans", "deadlines/scan", "aims", "deadlines/aim"),
     "point_at_angles": ("effects", "aims", "deadlines/aim"),

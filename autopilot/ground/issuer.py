@@ -193,7 +193,7 @@ class Issuer:
         while not order.is_done:
             with self._ledger.changed:
                 left_s = ends_s - time.monotonic()
-                if not self._ledger.changed.wait_for(partial(_differs, order, known), max(0.0, left_s)):
+                if not self._ledger.changed.wait_for(partial(order.differs, known), max(0.0, left_s)):
                     break
                 known = order.answer
             if known.state == "pending":
@@ -397,7 +397,3 @@ class Issuer:
     def _is_watched_ack(self, key_expr: str) -> bool:
         address = ack_address(key_expr)
         return address is not None and address.node in self._watched
-
-
-def _differs(order: Order, known: Answer) -> bool:
-    return order.answer is not known

@@ -75,6 +75,10 @@ class Order:
         """Say whether nothing more will come."""
         return self.answer.state in ("final", "failed")
 
+    def differs(self, known: Answer) -> bool:
+        """Say whether another answer came than the one that is known."""
+        return self.answer is not known
+
 
 class Ledger:
     """Every order of one issuer. Safe from several threads."""

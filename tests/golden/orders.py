@@ -88,6 +88,52 @@ def outcomes() -> Flight:
     return story.flight
 
 
+def repeats() -> Flight:
+    """In each state that an order can be found in, more repeats of it within a second than are answered."""
+    story = Story()
+    ways = (*UNDERWAY.values(), *((end,) for end in ("answered {} 0", "answered {} 4", "unanswered {} no answer")))
+    for number, way in enumerate((*ways, ("answered {} 3",))):
+        follow(story, [f"order r{number} point", *(one.format(f"r{number}") for one in way)])
+        follow(story, [f"again r{number}", f"again r{number} body=abcd", f"again r{number}"])
+        story.flight.wait(1_000)
+        follow(story, [f"again r{number}"])
+    follow(
+        story, ["order w point by=viewer roles=viewer", *["again w"] * 3, "order m dance", *["again m"] * 3, "close"]
+    )
+    return story.flight
+
+
+def refusals() -> Flight:
+    """The vehicle refuses an order that has the camera, had it, or never should have: what the camera goes back to."""
+    story = Story(operator_hold_ms=3_000, release_pause_ms=2_000)
+    tell(
+        story,
+        """
+        1    | order a point
+        1.1  | answered a 4
+        2    | order b point
+        2.1  | order c point by=bravo
+        2.2  | answered b 4
+        2.3  | answered c 4
+        3    | order d release
+        3.1  | answered d 0
+        3.5  | order e point
+        3.6  | answered e 3
+        10   | order f point
+        10.1 | answered f 0
+        11   | order g point by=bravo
+        11.1 | unanswered g superseded
+        20   | order h point
+        24   | answered h 4
+        30   | order i point
+        30.1 | order j release
+        30.2 | answered i 4
+        40   | close
+        """,
+    )
+    return story.flight
+
+
 def restarts() -> Flight:
     """Three starts in the air: orders in each state become "unknown", and answers that are owed are given again."""
     story = Story(dedup_keep_ms=40_000)

@@ -47,6 +47,10 @@ GOLDEN = (
     Golden("gates", "Every gate says no once: the order of the gates is a decision.", _told(orders.gates)),
     Golden("believing", "What the node knows of lists, time and its past decides too.", _told(orders.believing)),
     Golden("outcomes", "What the vehicle says, in each state of an order, also too late.", _told(orders.outcomes)),
+    Golden(
+        "repeats", "Whoever repeats an order too often is not answered, in each state of it.", _told(orders.repeats)
+    ),
+    Golden("refusals", "What the vehicle refuses gives the camera back to who had it.", _told(orders.refusals)),
     Golden("restarts", "A start decides what becomes of orders that nobody heard of again.", _told(orders.restarts)),
     Golden("handed_over", "The first state is not empty: it comes from a baseline.", _told(orders.handed_over)),
     Golden(

@@ -201,7 +201,7 @@ def _much() -> Flight:
 
 def test_other_software_and_another_logic(monkeypatch: pytest.MonkeyPatch) -> None:
     """By the manifest; software only where somebody says which this is."""
-    records = forged(story(), 20, because="forged")
+    records = forged(story(), 22, because="forged")
     check_blamed(records, Cause.CODE, Weight.OLDER, "software 0.1.0, here 0.2.0", software="0.2.0")
     check_blamed(records, Cause.CODE, Weight.LEFT, "or the log was written by somebody else", software="0.1.0")
     check_blamed(records, Cause.CODE, Weight.LEFT, "(no row of ours gives this reason)")

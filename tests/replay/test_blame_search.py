@@ -46,14 +46,14 @@ def test_a_lifted_record_is_one_of_an_older_version() -> None:
 
 def test_another_process_decides_otherwise() -> None:
     """Then it is the environment, and nothing else is looked into."""
-    records = forged(story(), 20, because="forged")
+    records = forged(story(), 22, because="forged")
     found = check_blamed(records, Cause.ENVIRONMENT, Weight.PROVED, "hash seed 3", again=Alike(3))
     assert [one.words for one in found.findings[1:]] == ["not looked into: there is proof of another cause"] * 5
 
 
 def test_this_process_decides_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same step from the same state must come out the same."""
-    records = forged(story(), 20, because="forged")
+    records = forged(story(), 22, because="forged")
     reader = resealed(records)
     first = verify(reader).first
     assert first is not None
@@ -66,14 +66,14 @@ def test_this_process_decides_otherwise(monkeypatch: pytest.MonkeyPatch) -> None
 def test_a_long_log_is_not_handed_to_another_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """It says so, and nobody is asked."""
     monkeypatch.setattr(sys.modules["replay.blame.environment"], "RECORDS_MAX", 5)
-    found = look(forged(story(), 20, because="forged"), again=Alike(1, 2, 3, 4))
+    found = look(forged(story(), 22, because="forged"), again=Alike(1, 2, 3, 4))
     words = next(one.words for one in found.findings if one.cause is Cause.ENVIRONMENT)
     assert "too long a log for another process" in words
 
 
 def test_another_interpreter_is_suspected() -> None:
     """Where nothing else explains it; a manifest that does not say is no evidence."""
-    records = changed(forged(story(), 20, because="forged"), 0, opened(python="2.7.18", platform="Plan9 mips"))
+    records = changed(forged(story(), 22, because="forged"), 0, opened(python="2.7.18", platform="Plan9 mips"))
     words = "recorded with Python 2.7.18, here 3."
     check_blamed(records, Cause.ENVIRONMENT, Weight.SUSPECTED, words, software="0.1.0")
 
@@ -91,7 +91,7 @@ def test_real_processes_agree_and_fail_aloud() -> None:
     with pytest.raises(ChildFailed, match="hash seed 1"):
         broken.decide(1, steps)
     broken.close()
-    records = forged(story(), 20, because="forged")
+    records = forged(story(), 22, because="forged")
     found = look(records, again=Again(child=("-c", "import sys; sys.exit(3)")))
     assert found.cause is Cause.CODE
     assert "gave no answer" in next(one.words for one in found.findings if one.cause is Cause.ENVIRONMENT)
@@ -126,7 +126,7 @@ def test_work_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_is_looked_into_is_told() -> None:
     """One word a hypothesis."""
     told: list[str] = []
-    look(forged(story(), 20, because="forged"), tell=told.append)
+    look(forged(story(), 22, because="forged"), tell=told.append)
     assert sorted(told) == sorted(one.value for one in Cause)
 
 
@@ -178,7 +178,7 @@ def test_the_case_goes_on_from_what_was_recorded() -> None:
     records = forged(small(), 7, life_ms=1)
     flight = small()
     flight.records = records
-    records = forged(flight, at(flight, "send_ack"), detail="forged")
+    records = forged(flight, at(flight, "send_ack", -1), detail="forged")
     reader = resealed(records)
     first = verify(reader).first
     assert first is not None

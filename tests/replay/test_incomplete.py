@@ -19,6 +19,7 @@ from tests.breaking import break_chart
 from tests.flights import (
     Flight,
     detection,
+    first_answer,
     frame,
     point_at_place,
     resealed,
@@ -34,13 +35,13 @@ RECORDS = STORY.records
 
 def test_nothing_removed_is_identical() -> None:
     """A copy that lacks nothing replays as the flight does."""
-    assert check_incomplete(RECORDS, ()).decisions == 73
+    assert check_incomplete(RECORDS, ()).decisions == 78
 
 
 def test_everything_but_the_manifest() -> None:
     """Nothing can be compared, and that is said."""
     verdict = check_incomplete(RECORDS, range(1, 200))
-    assert verdict.words().startswith("INCOMPLETE(1-115): nothing differs (116 records, 0 decisions compared;")
+    assert verdict.words().startswith("INCOMPLETE(1-120): nothing differs (121 records, 0 decisions compared;")
     assert not verdict.holds
 
 
@@ -52,13 +53,13 @@ def test_without_the_manifest_nothing_is_judged() -> None:
 
 def test_how_much_is_compared() -> None:
     """What no decision reads costs nothing; a decision costs itself; an observation what rests on it."""
-    check_open(RECORDS, {at(STORY, "position_reported")}, 73, 0, "")
-    check_open(RECORDS, {at(STORY, "flight_closed")}, 73, 0, "")
-    check_open(RECORDS, {at(STORY, "camera_taken")}, 72, 0, "")
-    check_open(RECORDS, {at(STORY, "time_passed")}, 71, 0, "112")
-    check_open(RECORDS, {at(STORY, "command_sent")}, 72, 0, "13")
-    check_open(RECORDS, {at(STORY, "origin_set")}, 62, 0, "6,93")
-    check_open(RECORDS, {at(STORY, "frame_observed")}, 25, 43, "41,43,45")
+    check_open(RECORDS, {at(STORY, "position_reported")}, 78, 0, "")
+    check_open(RECORDS, {at(STORY, "flight_closed")}, 78, 0, "")
+    check_open(RECORDS, {at(STORY, "camera_taken")}, 77, 0, "")
+    check_open(RECORDS, {at(STORY, "time_passed")}, 76, 0, "117")
+    check_open(RECORDS, {at(STORY, "command_sent")}, 76, 0, "14")
+    check_open(RECORDS, {at(STORY, "origin_set")}, 65, 0, "6,97")
+    check_open(RECORDS, {at(STORY, "frame_observed")}, 29, 44, "45,47,49")
 
 
 def test_a_frame_is_whole_again_with_the_next() -> None:
@@ -85,13 +86,13 @@ def check_levels(watch: Watch, step: Level, table: str, of_table: Level) -> None
 
 def test_a_change_in_what_is_known_is_found() -> None:
     """Whoever holds the secret forges a decision, and redacts something else."""
-    seq = at(STORY, "send_ack")
+    seq = first_answer(STORY)
     found = check_differs(forged(STORY, seq, detail="forged"), {5, seq - 1}, seq, "field")
     assert (found.field, found.recorded) == ("detail", "'forged'")
     changed = list(RECORDS)
     changed[8] = replace(changed[8], cause=5)
     assert check_differs(changed, {8}, 8, "header").field == "cause"
-    assert check_differs(_without(10), {9}, 10, "missing in the log").kind == "camera_taken"
+    assert check_differs(_without(11), {10}, 11, "missing in the log").kind == "camera_taken"
 
 
 def _without(seq: int) -> list[Record]:
@@ -100,18 +101,18 @@ def _without(seq: int) -> list[Record]:
 
 def test_what_differs_after_an_assumption_convicts_nobody() -> None:
     """A removed decision may have been another one than is decided now."""
-    other = forged(STORY, 14, because="forged")
-    check_differs(other, {5}, 14, "field")
+    other = forged(STORY, 15, because="forged")
+    check_differs(other, {5}, 15, "field")
     verdict = verify(Copy(resealed(other), {7}))
-    assert (verdict.outcome, verdict.plain()["gaps"]["uncompared_steps"]) == (Outcome.INCOMPLETE, "13")
+    assert (verdict.outcome, verdict.plain()["gaps"]["uncompared_steps"]) == (Outcome.INCOMPLETE, "14")
 
 
 def test_what_rests_on_a_removed_observation_is_not_compared() -> None:
     """Agreeing there proves nothing, and differing neither."""
-    other = forged(STORY, 14, because="forged")
+    other = forged(STORY, 15, because="forged")
     verdict = verify(Copy(resealed(other), {6}))
     assert verdict.outcome is Outcome.INCOMPLETE
-    assert "13" in verdict.plain()["gaps"]["uncompared_steps"].split(",")
+    assert "14" in verdict.plain()["gaps"]["uncompared_steps"].split(",")
 
 
 def test_a_failed_step_is_passed_over_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,20 +141,20 @@ def test_what_was_not_written_for_want_of_knowledge_is_doubted() -> None:
     """An answer to an effect that is not known may have been written to an order all the same."""
     rows = list(Copy(STORY.store, ()).stored())
     partial = Partial(read_record, lambda stored, record: stored.body == record.body)
-    for first, stop in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 13), (13, 15)):
+    for first, stop in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (6, 14), (14, 17)):
         assert partial.step(rows[first:stop]).uncompared == 0
     partial.state.effects.drop(8)
     partial.state.watch.doubt(("effects",), Level.UNKNOWN)
-    assert partial.step(rows[15:18]).uncompared == 2
+    assert partial.step(rows[17:20]).uncompared == 2
     assert partial.state.watch.tables["orders"] is Level.UNKNOWN
 
 
 def test_who_may_have_moved() -> None:
     """The charts that heard of the step, and no others."""
     rows = list(Copy(STORY.store, range(1, 200)).stored())
-    assert {"orders", "cameras", "scans", "aims"} <= set(may_write(rows[7], "", rows[6:13]))
-    assert set(may_write(rows[20], "", rows[19:21])) == {"aims", "deadlines/aim"}
-    assert may_write(rows[20], "camera", rows[19:21]) == ("cameras", "deadlines/camera")
+    assert {"orders", "cameras", "scans", "aims"} <= set(may_write(rows[7], "", rows[6:14]))
+    assert set(may_write(rows[22], "", rows[21:23])) == {"aims", "deadlines/aim"}
+    assert may_write(rows[22], "camera", rows[21:23]) == ("cameras", "deadlines/camera")
 
 
 @settings(max_examples=120, deadline=None)

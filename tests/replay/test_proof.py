@@ -124,7 +124,7 @@ def test_a_proof_says_what_it_proves_and_what_not() -> None:
 def test_a_checkpoint_with_a_state_proves_as_one_without() -> None:
     """The proof rests on the root; the line must be written as it is to be all the same."""
     mark = StateMark(bytes(4), bytes(range(32)))
-    check_proves(prove(sealed(state=mark), 99, papers()), 99)
+    check_proves(prove(sealed(state=mark), 104, papers()), 104)
     store = sealed()
     size, note = store.checkpoints()[0]
     text = f"{note.rpartition(chr(10) * 2)[0]}\n"
@@ -132,7 +132,7 @@ def test_a_checkpoint_with_a_state_proves_as_one_without() -> None:
     for bad in (f"state 0000000 {digest}", f"state 00000000 {digest[:-1]}", f"state  0000000 {digest}"):
         origin = text.partition("\n")[0]
         store.add_checkpoint(size, sign_note(f"{text}{bad}\n", origin, LOG_KEY))
-        check_refused(prove(store, 99, papers()), "does not say what it is to say")
+        check_refused(prove(store, 104, papers()), "does not say what it is to say")
 
 
 def test_no_bit_of_a_proof_can_be_changed() -> None:

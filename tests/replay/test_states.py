@@ -84,12 +84,13 @@ def test_a_difference_that_stays_is_told_once() -> None:
 def test_a_forged_decision_comes_first() -> None:
     """The state goes on from what was recorded, so it is the one that was signed, or the second thing to tell."""
     flight = Flight()
-    flight.records = forged(STORY, 20, because="forged")
+    flight.records = forged(STORY, 22, because="forged")
     verdict = verify(sealed(flight=flight))
     assert verdict.first is not None
     check_equal((verdict.outcome, verdict.first.what, verdict.further), (Outcome.DIVERGES, "field", 0))
     store = sealed(flight=flight)
-    store.add_checkpoint(116, note(store, 116, bytes(32)))
+    size = len(STORY.records)
+    store.add_checkpoint(size, note(store, size, bytes(32)))
     verdict = verify(store)
     assert verdict.first is not None
     check_equal((verdict.first.what, verdict.further), ("field", 1))

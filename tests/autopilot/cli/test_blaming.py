@@ -62,13 +62,13 @@ def test_a_long_chain_of_causes_is_cut(
 ) -> None:
     """The decision and its root stay."""
     flight, store = create_flight(tmp_path, 1, FLIGHT_ID, SECRET)
-    store.append(forged(story(), 20, because="forged"))
+    store.append(forged(story(), 22, because="forged"))
     store.close()
     monkeypatch.setattr(replay, "CAUSES_SHOWN", 3)
     assert run(replay, ["replay", "verify", str(flight.folder)]) == 65
     told = capsys.readouterr().err
     assert "...  1 more, which `replay why` shows\n      6  order_received" in told
-    assert "     20  moved" in told
+    assert "     22  moved" in told
 
 
 def test_what_stopped_looking_says_so(capsys: pytest.CaptureFixture[str]) -> None:

@@ -103,15 +103,15 @@ def test_a_copy_of_a_flight(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     """The papers, the verdict, a head, and who did it; no secret, no key, no evidence."""
     (folder / "evidence").mkdir()
     (folder / KEY_FILE).write_bytes(b"key")
-    check_redacted(folder, ["--seq", "8,60-62", *WHO], capsys, 0, "not carried over: evidence\n")
+    check_redacted(folder, ["--seq", "8,64-66", *WHO], capsys, 0, "not carried over: evidence\n")
     copy = folder.parent / "copy"
     assert {one.name for one in copy.iterdir()} == {*PAPERS, VERDICT_FILE, FILE, "flight.db", "head"}
     for name in (*PAPERS, VERDICT_FILE):
         assert (copy / name).read_bytes() == (folder / name).read_bytes()
-    check_nothing_left(copy, {8, 60, 61, 62})
+    check_nothing_left(copy, {8, 64, 65, 66})
     said = json.loads((copy / FILE).read_text())
     assert [(one["by"], one["because"], one["removed"]) for one in said["redactions"]] == [
-        ("A. Roth", "a home", "8,60-62")
+        ("A. Roth", "a home", "8,64-66")
     ]
     seen = read_head_file(copy)
     assert seen is not None
@@ -122,10 +122,10 @@ def test_a_copy_is_read_as_a_flight_is(folder: Path, capsys: pytest.CaptureFixtu
     """Check, verify beside the node's own verdict, show, and what each exits with."""
     check_redacted(folder, ["--seq", "8", *WHO], capsys)
     copy = folder.parent / "copy"
-    check_replay("check", copy, 65, "records 0 to 115 hold", "", capsys)  # its papers are not signed here
+    check_replay("check", copy, 65, "records 0 to 120 hold", "", capsys)  # its papers are not signed here
     check_replay("verify", copy, 65, "INCOMPLETE(8): nothing differs", "redacted by A. Roth at 2", capsys)
     check_replay("show", copy, 0, "8  point_at_place         removed from this copy", "", capsys)
-    assert run(replay, ["replay", "why", str(copy), "20"]) == 0
+    assert run(replay, ["replay", "why", str(copy), "22"]) == 0
     assert "8  point_at_place         removed from this copy" in capsys.readouterr().out
     (copy / FILE).write_text("[]")
     check_replay("verify", copy, 74, "", "can't be read", capsys)
@@ -133,14 +133,14 @@ def test_a_copy_is_read_as_a_flight_is(folder: Path, capsys: pytest.CaptureFixtu
 
 def test_proofs_and_bundle_of_a_copy(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A chain through what was removed is proved; the bundle names what it does without."""
-    check_redacted(folder, ["--seq", "8,45", *WHO], capsys)
+    check_redacted(folder, ["--seq", "8,49", *WHO], capsys)
     copy, out = folder.parent / "copy", folder.parent / "out"
-    assert run(export, ["export", "proof", str(copy), "--seq", "20", str(out)]) == 0
+    assert run(export, ["export", "proof", str(copy), "--seq", "22", str(out)]) == 0
     assert run(verify, ["verify", str(out)]) == 0
     assert "8  point_at_place         removed from this copy" in capsys.readouterr().out
     assert run(export, ["export", "bundle", str(copy), str(out)]) == 0
     gaps = json.loads(out.read_text())["gaps"]
-    assert (gaps["removed"], gaps["left_out"].split(",")[:2]) == ("8,45", ["6-7", "9-12"])
+    assert (gaps["removed"], gaps["left_out"].split(",")[:2]) == ("8,49", ["6-7", "9-13"])
 
 
 def test_redacting_a_copy_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -149,9 +149,9 @@ def test_redacting_a_copy_again(folder: Path, capsys: pytest.CaptureFixture[str]
     copy, again = folder.parent / "copy", folder.parent / "again"
     words = ["export", "redacted", str(copy), str(again), "--kind", "gimbal_reported", *WHO]
     assert run(export, words) == 0
-    check_nothing_left(again, {8, 18, 19})
-    check_replay("verify", again, 65, "INCOMPLETE(8,18-19)", "records 8, because: a home", capsys)
-    assert [one["removed"] for one in json.loads((again / FILE).read_text())["redactions"]] == ["8", "18-19"]
+    check_nothing_left(again, {8, 20, 21})
+    check_replay("verify", again, 65, "INCOMPLETE(8,20-21)", "records 8, because: a home", capsys)
+    assert [one["removed"] for one in json.loads((again / FILE).read_text())["redactions"]] == ["8", "20-21"]
     assert run(export, words) == 73
     assert "is there already" in capsys.readouterr().err
 
@@ -159,34 +159,34 @@ def test_redacting_a_copy_again(folder: Path, capsys: pytest.CaptureFixture[str]
 def test_everything_but_the_manifest(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A stretch without a kind is all of it."""
     check_redacted(folder, ["--before", "1e9", *WHO], capsys)
-    check_nothing_left(folder.parent / "copy", set(range(1, 116)))
-    check_replay("verify", folder.parent / "copy", 65, "INCOMPLETE(1-115)", "records 1-115", capsys)
+    check_nothing_left(folder.parent / "copy", set(range(1, 121)))
+    check_replay("verify", folder.parent / "copy", 65, "INCOMPLETE(1-120)", "records 1-120", capsys)
 
 
 def test_what_is_chosen(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By number, by kind, both, and within a stretch whose end is not in it."""
     kinds = ["--kind", "gimbal_reported,time_passed"]
-    assert plain(folder, ["--seq", "8,60-62"], capsys)["chosen"] == "8,60-62"
-    assert plain(folder, kinds, capsys)["chosen"] == "18-19,112"
-    assert plain(folder, [*kinds, "--seq", "5"], capsys)["chosen"] == "5,18-19,112"
-    ns = STORY.records[19].at.flight_ns
-    assert plain(folder, [*kinds, "--after", str(ns / 1e9)], capsys)["chosen"] == "19,112"
-    assert plain(folder, [*kinds, "--before", str(ns / 1e9)], capsys)["chosen"] == "18"
+    assert plain(folder, ["--seq", "8,64-66"], capsys)["chosen"] == "8,64-66"
+    assert plain(folder, kinds, capsys)["chosen"] == "20-21,117"
+    assert plain(folder, [*kinds, "--seq", "5"], capsys)["chosen"] == "5,20-21,117"
+    ns = STORY.records[21].at.flight_ns
+    assert plain(folder, [*kinds, "--after", str(ns / 1e9)], capsys)["chosen"] == "21,117"
+    assert plain(folder, [*kinds, "--before", str(ns / 1e9)], capsys)["chosen"] == "20"
     assert plain(folder, ["--before", "0.1"], capsys)["chosen"] == "1-4"
 
 
 def test_what_descends_is_named(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """By cause, by an outcome's effect, by a place that is said again; and what a replay computes again."""
     found = plain(folder, ["--seq", "8"], capsys)
-    assert (found["led_to"], found["computed_again"], found["removed"]) == ("13-20,92", "8", "8")
-    assert found["same_place"] == "6-7,9-12,21-22"
+    assert (found["led_to"], found["computed_again"], found["removed"]) == ("14-22,96", "8", "8")
+    assert found["same_place"] == "6-7,9-13,23-24"
     assert plain(folder, ["--seq", "5"], capsys)["led_to"] == ""
     found = plain(folder, ["--seq", "8", "--with-descendants"], capsys)
-    assert (found["removed"], found["computed_again"]) == ("6-22,92", "")
-    assert plain(folder, ["--kind", "poi_opened"], capsys)["same_place"] == "41-46,49-58,68"
+    assert (found["removed"], found["computed_again"]) == ("6-24,96", "")
+    assert plain(folder, ["--kind", "poi_opened"], capsys)["same_place"] == "45-50,53-62,72"
     out = check_redacted(folder, ["--seq", "8", "--dry-run"], capsys, 0, "a replay decides again what 8 said")
     assert out.splitlines()[0] == "would be removed: 1 records"
-    check_redacted(folder, ["--seq", "8", "--dry-run"], capsys, 0, "what they led to stays, 9 records")
+    check_redacted(folder, ["--seq", "8", "--dry-run"], capsys, 0, "what they led to stays, 10 records")
     check_redacted(folder, ["--kind", "order_received", *WHO], capsys, 0, "        and ")
 
 
@@ -198,7 +198,7 @@ def test_what_descends_is_named(folder: Path, capsys: pytest.CaptureFixture[str]
         (["--seq", "8", "--by", "A"], 2, "say --by whom"),
         (["--seq", "0", *WHO], 65, "record 0 is the manifest"),
         (["--kind", "flight_opened", *WHO], 65, "record 0 is the manifest"),
-        (["--seq", "116", *WHO], 65, "there is no record 116: the last one is 115"),
+        (["--seq", "121", *WHO], 65, "there is no record 121: the last one is 120"),
         (["--kind", "log_damaged", *WHO], 65, "no record of the flight is chosen"),
         (["--after", "1e9", *WHO], 65, "no record of the flight is chosen"),
     ],

@@ -42,13 +42,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A flight without snapshots says that it takes longer; a record that is not there is a usage error."""
     folder = story_on_disk(tmp_path)
-    check_equal(run(replay, ["replay", "show", str(folder), "--at", "60"]), 0)
+    check_equal(run(replay, ["replay", "show", str(folder), "--at", "64"]), 0)
     told = capsys.readouterr()
-    check_equal(told.out.startswith("after record 60 (order_received), digest "), True)
+    check_equal(told.out.startswith("after record 64 (order_received), digest "), True)
     check_equal("\norders: order alpha/j1, state received, verb judge\n" in told.out, True)
     check_equal("no snapshot to start from: the log was read from its beginning" in told.err, True)
-    _, err = shown(folder, 116, capsys, 2)
-    check_equal("no record 116: its last one is 115" in err, True)
+    _, err = shown(folder, 121, capsys, 2)
+    check_equal("no record 121: its last one is 120" in err, True)
 
 
 def test_from_a_snapshot_as_from_zero(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
