@@ -27,9 +27,8 @@ from statecharts.state import State
 from statecharts.table import Chart, Row, ignore, move, refuse
 
 FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
-# What points, releases or judges harms nobody much. Anything else, also what this node does not know, moves more.
-CAMERA_VERBS = ("point", "release", "judge")
 UNDERWAY = ("intended", "sent", "in_progress")
+# What points, releases or judges harms nobody much. Anything else, also what this node does not know, moves more.
 CAMERA_VERBS = ("point", "release", "judge")
 
 # A repeat of an order is answered so often within so long; what comes beyond that hears nothing.

@@ -25,6 +25,7 @@ from tests.torture.mutating import Mutant, mutants
 # What judges a message, and of the files that do more, the functions that take part in it.
 MODULES: dict[str, frozenset[str] | None] = {
     "autopilot.trust.gate": None,
+    "autopilot.trust.keyless": None,
     "autopilot.trust.window": None,
     "autopilot.trust.documents": None,
     "autopilot.trust.envelope": frozenset(
@@ -37,6 +38,8 @@ MODULES: dict[str, frozenset[str] | None] = {
 TESTS = (
     "tests/autopilot/trust/test_gate.py",
     "tests/autopilot/trust/test_gate_bounds.py",
+    "tests/autopilot/trust/test_gate_believing.py",
+    "tests/autopilot/trust/test_keyless.py",
     "tests/autopilot/trust/test_documents.py",
     "tests/autopilot/trust/test_vectors_gate.py",
     "tests/autopilot/trust/test_identity.py",

@@ -19,6 +19,7 @@ from events.schema.waypoint_pb2 import (
     PrincipalKind,
     PurposeKey,
     RevocationList,
+    TimeBeacon,
     TrustRoot,
 )
 from tests.autopilot.trust.world import people
@@ -133,15 +134,21 @@ def bundle(name: str) -> EpochBundle:
     )
 
 
+def beacon() -> TimeBeacon:
+    """Return the time, for the node that asked."""
+    return TimeBeacon(v=1, deployment_id=DEPLOYMENT, challenge=secret("wasp-01.challenge", 16), time_ms=NOW_MS)
+
+
 SIGNERS = {
     "TrustRoot": (pae.TRUST_ROOT, "root"),
     "IdentityToken": (pae.IDENTITY_TOKEN, "dir.token"),
     "RevocationList": (pae.REVOCATION_LIST, "dir.revoke"),
     "EpochBundle": (pae.EPOCH_BUNDLE, "dir.epoch"),
+    "TimeBeacon": (pae.TIME_BEACON, "dir.time"),
 }
 
 
-def signed(kind: str, body: TrustRoot | IdentityToken | RevocationList | EpochBundle) -> bytes:
+def signed(kind: str, body: TrustRoot | IdentityToken | RevocationList | EpochBundle | TimeBeacon) -> bytes:
     """Return a document signed by the key of its purpose."""
     context, signer = SIGNERS[kind]
     return documents.sign(context, body, [sign_key(signer)])

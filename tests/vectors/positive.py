@@ -58,7 +58,15 @@ def papers() -> Vector:
     lists = {name: _paper("RevocationList", data) for name, data in cast.lists().items()}
     epoch = _paper("EpochBundle", cast.signed("EpochBundle", cast.bundle("alice")))
     epoch |= {"ephemeral_secret": cast.secret("alice.ephemeral").hex(), "recipient": "alice"}
-    return {"trust_root": trust_root, "tokens": tokens, "revocations": lists, "epoch_bundle": epoch, "pairs": PAIRS}
+    beacon = _paper("TimeBeacon", cast.signed("TimeBeacon", cast.beacon()))
+    return {
+        "trust_root": trust_root,
+        "tokens": tokens,
+        "revocations": lists,
+        "epoch_bundle": epoch,
+        "time_beacon": beacon,
+        "pairs": PAIRS,
+    }
 
 
 PAIRS = [  # what a receiver that holds the first says of the second

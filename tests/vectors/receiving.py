@@ -8,11 +8,14 @@ from functools import cache
 from typing import Any
 
 from autopilot.trust import documents
+from autopilot.trust.believing import Fixed
 from autopilot.trust.envelope import MessageType
+from autopilot.trust.freshness import Time
 from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Epoch
 from autopilot.trust.keys import BoxKey, SignKey
 from autopilot.trust.verdict import Sealed
+from events.schema.flight_pb2 import ClockQuality
 from events.schema.waypoint_pb2 import PrincipalKind
 from tests.autopilot.trust.world import FakeClock, people
 from tests.house import REPO
@@ -27,6 +30,14 @@ def published(name: str) -> dict[str, Any]:
     """Read one of the published files."""
     read: dict[str, Any] = json.loads((FOLDER / f"{name}.json").read_text("utf-8"))
     return read
+
+
+class Uncertain(Fixed):
+    """A receiver that does not know the time; nothing echoes its challenge."""
+
+    def time(self) -> Time:
+        """The same time, and nobody to vouch for it."""
+        return super().time()._replace(quality=ClockQuality.CLOCK_UNSET)
 
 
 def gate(case: dict[str, Any]) -> Gate[bytes]:
@@ -45,7 +56,7 @@ def gate(case: dict[str, Any]) -> Gate[bytes]:
         trust=trust,
         token=documents.verify_token(bytes.fromhex(papers["tokens"][name]["document"]), trust),
         revocations=documents.verify_revocations(bytes.fromhex(held), trust),
-        epochs={1: Epoch(1, secret, now_ms + begins_ms, now_ms + ends_ms)},
+        epochs={1: Epoch(1, secret, now_ms + begins_ms, now_ms + ends_ms, case.get("epoch_needs_list", 12))},
     )
     kind, clock = case.get("gate", "order"), FakeClock(now_ms)
     nodes = frozenset({PrincipalKind.NODE})
@@ -58,10 +69,11 @@ def gate(case: dict[str, Any]) -> Gate[bytes]:
         clock=clock,
         samples_per_s=1,
         samples_burst=case.get("burst", 100),
+        believing=Uncertain(receiver, clock) if case.get("uncertain") else None,
     )
     alice = bytes.fromhex(made["keys"]["sign"]["alice"]["key_id"])
     held_nonces = (number.to_bytes(24, "big") for number in range(case.get("nonces_held", 0)))
-    opens.restore((alice, nonce, 20_000) for nonce in held_nonces)
+    opens.restore(((alice, nonce, 20_000) for nonce in held_nonces), whole=not case.get("forgotten"))
     for envelope in case.get("before", ()):
         opens.judge(case["key_expr"], bytes.fromhex(envelope))
     return opens

@@ -19,12 +19,14 @@ BODIES: dict[str, Callable[[], Any]] = {
     "IdentityToken": lambda: cast.token("alice"),
     "RevocationList": lambda: cast.revocations(12, principals=["mallory"]),
     "EpochBundle": lambda: cast.bundle("alice"),
+    "TimeBeacon": cast.beacon,
 }
 VERIFY: dict[str, Callable[[bytes], object]] = {
     "TrustRoot": documents.verify_trust_root,
     "IdentityToken": lambda data: documents.verify_token(data, TRUST),
     "RevocationList": lambda data: documents.verify_revocations(data, TRUST),
     "EpochBundle": lambda data: documents.verify_epoch_bundle(data, TRUST),
+    "TimeBeacon": lambda data: documents.verify_time_beacon(data, TRUST),
 }
 Change = Callable[[Any], object]
 
@@ -102,6 +104,11 @@ REFUSED: list[tuple[str, str, Change]] = [
     ("EpochBundle", "deployment_id:", put("deployment_id", "elsewhere")),
     ("EpochBundle", "epoch_id:", lambda body: body.ClearField("epoch_id")),
     ("EpochBundle", "retire_at_ms:", put("retire_at_ms", cast.NOW_MS - cast.HOUR_MS)),
+    ("TimeBeacon", "v:", put("v", 2)),
+    ("TimeBeacon", "deployment_id:", put("deployment_id", "elsewhere")),
+    ("TimeBeacon", "challenge:", put("challenge", b"\x01" * 15)),
+    ("TimeBeacon", "challenge:", put("challenge", b"\x01" * 17)),
+    ("TimeBeacon", "time_ms:", lambda body: body.ClearField("time_ms")),
 ]
 TAKEN: list[tuple[str, Change]] = [
     *((kind, lambda body: None) for kind in BODIES),
@@ -112,6 +119,7 @@ TAKEN: list[tuple[str, Change]] = [
     ("RevocationList", put("version", 1)),
     ("RevocationList", swap("principals", *(f"{at:04}" for at in range(4096)))),
     ("EpochBundle", put("retire_at_ms", cast.NOW_MS - cast.HOUR_MS + 1)),
+    ("TimeBeacon", put("time_ms", 1)),
 ]
 
 

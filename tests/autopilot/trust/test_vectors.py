@@ -28,11 +28,15 @@ def public(name: str) -> bytes:
     return bytes.fromhex(KEYS["sign"][name]["public"])
 
 
+def _singles() -> list[tuple[str, dict[str, Any]]]:
+    return [("EpochBundle", PAPERS["epoch_bundle"]), ("TimeBeacon", PAPERS["time_beacon"])]
+
+
 def papers() -> list[tuple[str, dict[str, Any]]]:
     """Return every signed document with its kind."""
     tokens = [("IdentityToken", paper) for paper in PAPERS["tokens"].values()]
     lists = [("RevocationList", paper) for paper in PAPERS["revocations"].values()]
-    return [("TrustRoot", PAPERS["trust_root"]), *tokens, *lists, ("EpochBundle", PAPERS["epoch_bundle"])]
+    return [("TrustRoot", PAPERS["trust_root"]), *tokens, *lists, *_singles()]
 
 
 def check_paper(kind: str, paper: dict[str, Any]) -> None:
@@ -82,6 +86,7 @@ def test_each_purpose_has_its_own_key() -> None:
         "IdentityToken": {"dir.token"},
         "RevocationList": {"dir.revoke"},
         "EpochBundle": {"dir.epoch"},
+        "TimeBeacon": {"dir.time"},
     }
 
 
