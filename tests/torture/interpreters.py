@@ -18,7 +18,8 @@ from pathlib import Path
 from tests.house import REPO
 
 OLDEST = (3, 11)
-NEEDED = ("apsw", "h3", "msgspec", "numpy", "protobuf", "transitions")  # by events, statecharts, projections' folds and replay
+# By events, statecharts, projections' folds and replay.
+NEEDED = ("apsw", "h3", "msgspec", "numpy", "protobuf", "transitions")
 BUILD = REPO / "build" / "matrix"
 _ASK = (
     "import json, os, platform, sys; print(json.dumps([list(sys.version_info[:3]), "
