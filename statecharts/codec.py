@@ -172,7 +172,7 @@ def _shape(kind: Any) -> str:
         return " or ".join(map(_shape, get_args(kind)))
     if (origin := get_origin(kind)) is not None:
         return f"{origin.__name__}[{', '.join('...' if one is ... else _shape(one) for one in get_args(kind))}]"
-    if is_dataclass(kind) or hasattr(kind, "_fields"):
+    if is_dataclass(kind) or (issubclass(kind, tuple) and hasattr(kind, "_fields")):
         hints = get_type_hints(kind)
         names = [field.name for field in fields(kind)] if is_dataclass(kind) else list(kind._fields)
         return f"{kind.__name__}({', '.join(f'{name} {_shape(hints[name])}' for name in names)})"
