@@ -237,7 +237,6 @@ class Gate(Generic[T]):
             return False
         passed_ms = (self._clock.mono_ns() - self._remembers_since_ns) // NS_PER_MS
         if passed_ms > limits.HORIZON_MS:
-            self._remembers_since_ns = None
             return False
         horizon_ms = time.now_ms - passed_ms + limits.SKEW_MS
         if time.trusted and header.issued_at_ms <= horizon_ms:

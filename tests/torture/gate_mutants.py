@@ -40,6 +40,7 @@ TESTS = (
     "tests/autopilot/trust/test_gate_bounds.py",
     "tests/autopilot/trust/test_gate_believing.py",
     "tests/autopilot/trust/test_keyless.py",
+    "tests/autopilot/trust/test_keyless_bounds.py",
     "tests/autopilot/trust/test_documents.py",
     "tests/autopilot/trust/test_vectors_gate.py",
     "tests/autopilot/trust/test_identity.py",
