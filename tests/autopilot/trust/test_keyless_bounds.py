@@ -13,7 +13,7 @@ from autopilot.trust.keyless import KeylessGate
 from events.schema.waypoint_pb2 import EnvelopeHeader, IdentityToken, PrincipalKind
 from tests.autopilot.trust.test_gate import set_times, set_to
 from tests.autopilot.trust.test_keyless import ALICE, WIDE, check, relay_gate
-from tests.autopilot.trust.world import NOW_MS, FakeClock, Forge, people
+from tests.autopilot.trust.world import NOW_MS, FakeClock, Forge, people, retokened
 
 STATUS_KEY = "waypoint/global/status/wasp-01"
 
