@@ -18,8 +18,10 @@ from events.schema import (
     eyes_pb2,
     findings_pb2,
     flight_pb2,
+    mission_pb2,
     options_pb2,
     orders_pb2,
+    safety_pb2,
     trust_pb2,
     vehicle_pb2,
 )
@@ -32,6 +34,8 @@ FAMILIES: tuple[ModuleType, ...] = (
     eyes_pb2,
     findings_pb2,
     trust_pb2,
+    mission_pb2,
+    safety_pb2,
 )
 
 

@@ -34,6 +34,8 @@ from events.schema.vehicle_pb2 import (
     ReleasePointing,
     VehicleStateReported,
 )
+from projections.describe_flight import MODES, SCOPES, named
+from projections.describe_flight import WORDS as _FLIGHT_WORDS
 from projections.words import NS_PER_MS, coordinates, degrees, metres, percent, seconds
 
 _RESULTS: dict[int, str] = {
@@ -47,6 +49,12 @@ _STAGES: dict[int, str] = {
     orders_pb2.ACK_STAGE_RECEIVED: "received, not yet decided",
     orders_pb2.ACK_STAGE_SENT: "sent to the vehicle",
     orders_pb2.ACK_STAGE_IN_PROGRESS: "in progress",
+}
+_MISSION_VERBS: dict[int, str] = {
+    orders_pb2.MISSION_BEGIN: "begin",
+    orders_pb2.MISSION_PAUSE: "pause",
+    orders_pb2.MISSION_RESUME: "go on with",
+    orders_pb2.MISSION_ABORT: "abort",
 }
 _CLOSE_REASONS: dict[int, str] = {
     flight_pb2.CLOSE_REASON_UNSPECIFIED: "for no reason that was given",
@@ -81,6 +89,25 @@ def order_words(order: OrderReceived) -> str:
             return f"let go of camera {order.release_camera.camera}"
         case "judge_poi":
             return f"{'confirm' if order.judge_poi.confirmed else 'decline'} finding {order.judge_poi.poi_id}"
+    return _flight_order_words(order)
+
+
+def _flight_order_words(order: OrderReceived) -> str:
+    match order.WhichOneof("order"):
+        case "fly_to_place":
+            return f"fly to {place_words(order.fly_to_place.place)}"
+        case "set_flight_mode":
+            return f"put the vehicle into {named(MODES, order.set_flight_mode.mode)}"
+        case "override_safety":
+            asked = order.override_safety
+            held = seconds(asked.held_for_ms * NS_PER_MS)
+            return f"hold off {named(SCOPES, asked.scope)} for {held} s: {asked.reason}"
+        case "acknowledge_selftest":
+            return f"take on self-test {order.acknowledge_selftest.report_id} as it is"
+        case "mission":
+            return f"{named(_MISSION_VERBS, order.mission.verb)} the mission"
+        case "follow_poi":
+            return f"keep finding {order.follow_poi.poi_id} in view, camera {order.follow_poi.camera}"
     return "an order of an unknown kind"
 
 
@@ -287,4 +314,5 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "trust_alarm": _alarm,
     "time_learned": _time,
     "poi_left": lambda one: f"object {one.object} has moved away from finding {one.poi_id}",
+    **_FLIGHT_WORDS,
 }

@@ -29,12 +29,30 @@ MODULE_LINES = 400
 FUNCTION_LINES = 60
 LINE_CHARACTERS = 120
 
-UNITS = ("_e7", "_e4", "_mm", "_cdeg", "_ns", "_us", "_ms", "_s", "_mhz", "_mps", "_mv", "_percent", "_px", "_bytes")
+UNITS = (
+    "_e7",
+    "_e4",
+    "_e3",
+    "_mm",
+    "_cdeg",
+    "_ns",
+    "_us",
+    "_ms",
+    "_s",
+    "_mhz",
+    "_mps",
+    "_mv",
+    "_percent",
+    "_px",
+    "_bytes",
+)
 UNITS_INSIDE = ("_mm_s", "_cdeg_s")
 WHOLE_NUMBERS = {  # ids, numbers that others assign, and counts: they have no unit
     *("vehicle", "camera", "gimbal", "object", "number", "detection", "start", "logic", "version", "flight_number"),
     *("list_version", "root_version", "held_version", "offered_version", "epoch_id"),
-    *("system_id", "autopilot", "vehicle_type", "custom_mode", "mav_result", "h3_cell"),
+    *("system_id", "autopilot", "vehicle_type", "custom_mode", "landed_state", "mav_result", "h3_cell"),
+    *("command", "mav_mission_result", "opaque_id", "report_id", "mission_tries"),
+    *("item", "items", "before_item", "current_item", "reached_item", "breakpoints"),
     *(
         "count",
         "size",
@@ -50,7 +68,7 @@ WHOLE_NUMBERS = {  # ids, numbers that others assign, and counts: they have no u
 }
 NUMERIC = re.compile(r"u?int(32|64)|sint(32|64)|s?fixed(32|64)")
 INEXACT = re.compile(r"float|double|map<.*|.*\bAny")
-PORTS = {"mesh", "vehicle"}
+PORTS = {"mesh", "vehicle", "missions", "selftest"}
 
 # Written with a gap, so that this file is not found by its own rule.
 _UNFINISHED = "an unfinished thought: finish it, or say in CHANGELOG.md what is missing"

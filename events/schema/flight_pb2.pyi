@@ -115,6 +115,23 @@ class Limits(_message.Message):
     OVERDUE_CAMERA_MS_FIELD_NUMBER: _builtins.int
     OVERDUE_FLIGHT_MS_FIELD_NUMBER: _builtins.int
     FLIGHT_ROLES_FIELD_NUMBER: _builtins.int
+    FLIGHT_ENABLED_FIELD_NUMBER: _builtins.int
+    MISSION_ENABLED_FIELD_NUMBER: _builtins.int
+    MISSION_BEGUN_BY_ORDER_FIELD_NUMBER: _builtins.int
+    PILOT_STARTS_FIELD_NUMBER: _builtins.int
+    BATTERY_RETURN_PERCENT_FIELD_NUMBER: _builtins.int
+    BATTERY_LAND_PERCENT_FIELD_NUMBER: _builtins.int
+    OPERATOR_DEGRADED_MS_FIELD_NUMBER: _builtins.int
+    OPERATOR_LOST_MS_FIELD_NUMBER: _builtins.int
+    OPERATOR_LOST_FOLLOWING_MS_FIELD_NUMBER: _builtins.int
+    FAILSAFE_AGAIN_MS_FIELD_NUMBER: _builtins.int
+    FENCE_AHEAD_MS_FIELD_NUMBER: _builtins.int
+    MISSION_TRIES_FIELD_NUMBER: _builtins.int
+    MISSION_STEP_MS_FIELD_NUMBER: _builtins.int
+    SELFTEST_ACKNOWLEDGE_MS_FIELD_NUMBER: _builtins.int
+    OVERRIDE_LONGEST_MS_FIELD_NUMBER: _builtins.int
+    FOLLOW_BY_WAYPOINT_FIELD_NUMBER: _builtins.int
+    UPLOAD_MS_FIELD_NUMBER: _builtins.int
     command_enabled: _builtins.bool
     """Whether orders are taken at all (seed 000: off by default)."""
     operator_hold_ms: _builtins.int
@@ -163,6 +180,40 @@ class Limits(_message.Message):
     """A camera may be ordered while the revocation list is overdue by at most this, in milliseconds."""
     overdue_flight_ms: _builtins.int
     """Anything else may be ordered while the revocation list is overdue by at most this, in milliseconds."""
+    flight_enabled: _builtins.bool
+    """Whether orders of the flight are taken at all (off by default)."""
+    mission_enabled: _builtins.bool
+    """Whether this node flies a mission (off by default)."""
+    mission_begun_by_order: _builtins.bool
+    """The mission begins by an order; else by itself once the self-test has passed."""
+    pilot_starts: _builtins.bool
+    """A pilot arms and starts the mission; else this node does."""
+    battery_return_percent: _builtins.int
+    """From this charge down the vehicle returns, in percent (seed 004: 25); 0: never."""
+    battery_land_percent: _builtins.int
+    """From this charge down it lands where it is, in percent (seed 004: 15); 0: never."""
+    operator_degraded_ms: _builtins.int
+    """Nothing heard of any operator for so long: the link is degraded, in milliseconds (seed 004: 5 s)."""
+    operator_lost_ms: _builtins.int
+    """Nothing heard of any operator for so long: the link is lost and the vehicle returns, in ms (seed 004: 30 s); 0: never."""
+    operator_lost_following_ms: _builtins.int
+    """While a camera follows something, so much longer, in milliseconds (seed 004: 30 s)."""
+    failsafe_again_ms: _builtins.int
+    """A failsafe commands again after this where the vehicle is not seen to comply, in milliseconds."""
+    fence_ahead_ms: _builtins.int
+    """How far ahead along its way a vehicle may not be outside its fences, in milliseconds."""
+    mission_tries: _builtins.int
+    """How often a step of the mission is tried before the mission is paused."""
+    mission_step_ms: _builtins.int
+    """How long a step of the mission may take before it is tried again, in milliseconds."""
+    selftest_acknowledge_ms: _builtins.int
+    """How long somebody may take to take on a degraded self-test, in milliseconds."""
+    override_longest_ms: _builtins.int
+    """Longest time for which a failsafe may be held off, in milliseconds."""
+    follow_by_waypoint: _builtins.bool
+    """Whether a point of interest that is followed gets a waypoint in the middle of the mission."""
+    upload_ms: _builtins.int
+    """How long an upload may take, in milliseconds."""
     @_builtins.property
     def camera_roles(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """Roles that may point the camera; empty means nobody."""
@@ -200,10 +251,27 @@ class Limits(_message.Message):
         overdue_camera_ms: _builtins.int | None = ...,
         overdue_flight_ms: _builtins.int | None = ...,
         flight_roles: _abc.Iterable[_builtins.str] | None = ...,
+        flight_enabled: _builtins.bool | None = ...,
+        mission_enabled: _builtins.bool | None = ...,
+        mission_begun_by_order: _builtins.bool | None = ...,
+        pilot_starts: _builtins.bool | None = ...,
+        battery_return_percent: _builtins.int | None = ...,
+        battery_land_percent: _builtins.int | None = ...,
+        operator_degraded_ms: _builtins.int | None = ...,
+        operator_lost_ms: _builtins.int | None = ...,
+        operator_lost_following_ms: _builtins.int | None = ...,
+        failsafe_again_ms: _builtins.int | None = ...,
+        fence_ahead_ms: _builtins.int | None = ...,
+        mission_tries: _builtins.int | None = ...,
+        mission_step_ms: _builtins.int | None = ...,
+        selftest_acknowledge_ms: _builtins.int | None = ...,
+        override_longest_ms: _builtins.int | None = ...,
+        follow_by_waypoint: _builtins.bool | None = ...,
+        upload_ms: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "flight_roles", b"flight_roles", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "operator_hold_ms", b"operator_hold_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "own_command_life_ms", b"own_command_life_ms", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "battery_land_percent", b"battery_land_percent", "battery_return_percent", b"battery_return_percent", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failsafe_again_ms", b"failsafe_again_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "fence_ahead_ms", b"fence_ahead_ms", "flight_enabled", b"flight_enabled", "flight_roles", b"flight_roles", "follow_by_waypoint", b"follow_by_waypoint", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "mission_begun_by_order", b"mission_begun_by_order", "mission_enabled", b"mission_enabled", "mission_step_ms", b"mission_step_ms", "mission_tries", b"mission_tries", "operator_degraded_ms", b"operator_degraded_ms", "operator_hold_ms", b"operator_hold_ms", "operator_lost_following_ms", b"operator_lost_following_ms", "operator_lost_ms", b"operator_lost_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "override_longest_ms", b"override_longest_ms", "own_command_life_ms", b"own_command_life_ms", "pilot_starts", b"pilot_starts", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "selftest_acknowledge_ms", b"selftest_acknowledge_ms", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg", "upload_ms", b"upload_ms"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "flight_roles", b"flight_roles", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "operator_hold_ms", b"operator_hold_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "own_command_life_ms", b"own_command_life_ms", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "battery_land_percent", b"battery_land_percent", "battery_return_percent", b"battery_return_percent", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failsafe_again_ms", b"failsafe_again_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "fence_ahead_ms", b"fence_ahead_ms", "flight_enabled", b"flight_enabled", "flight_roles", b"flight_roles", "follow_by_waypoint", b"follow_by_waypoint", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "mission_begun_by_order", b"mission_begun_by_order", "mission_enabled", b"mission_enabled", "mission_step_ms", b"mission_step_ms", "mission_tries", b"mission_tries", "operator_degraded_ms", b"operator_degraded_ms", "operator_hold_ms", b"operator_hold_ms", "operator_lost_following_ms", b"operator_lost_following_ms", "operator_lost_ms", b"operator_lost_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "override_longest_ms", b"override_longest_ms", "own_command_life_ms", b"own_command_life_ms", "pilot_starts", b"pilot_starts", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "selftest_acknowledge_ms", b"selftest_acknowledge_ms", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg", "upload_ms", b"upload_ms"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

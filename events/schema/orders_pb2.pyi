@@ -4,6 +4,7 @@ isort:skip_file
 """
 
 from events.schema import common_pb2 as _common_pb2
+from events.schema import safety_pb2 as _safety_pb2
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
 from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
@@ -17,6 +18,28 @@ else:
     from typing_extensions import TypeAlias as _TypeAlias, Never as _Never
 
 DESCRIPTOR: _descriptor.FileDescriptor
+
+class _MissionVerb:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _MissionVerbEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_MissionVerb.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    MISSION_VERB_UNSPECIFIED: _MissionVerb.ValueType  # 0
+    MISSION_BEGIN: _MissionVerb.ValueType  # 1
+    MISSION_PAUSE: _MissionVerb.ValueType  # 2
+    MISSION_RESUME: _MissionVerb.ValueType  # 3
+    MISSION_ABORT: _MissionVerb.ValueType  # 4
+
+class MissionVerb(_MissionVerb, metaclass=_MissionVerbEnumTypeWrapper):
+    """What can be asked of the mission."""
+
+MISSION_VERB_UNSPECIFIED: MissionVerb.ValueType  # 0
+MISSION_BEGIN: MissionVerb.ValueType  # 1
+MISSION_PAUSE: MissionVerb.ValueType  # 2
+MISSION_RESUME: MissionVerb.ValueType  # 3
+MISSION_ABORT: MissionVerb.ValueType  # 4
+Global___MissionVerb: _TypeAlias = MissionVerb  # noqa: Y015
 
 class _AckResult:
     ValueType = _typing.NewType("ValueType", _builtins.int)
@@ -179,6 +202,152 @@ class JudgePoiOrder(_message.Message):
 Global___JudgePoiOrder: _TypeAlias = JudgePoiOrder  # noqa: Y015
 
 @_typing.final
+class FlyToPlaceOrder(_message.Message):
+    """Fly to a place and stay there."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PLACE_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def place(self) -> _common_pb2.Place:
+        """The place; altitude AMSL."""
+
+    def __init__(
+        self,
+        *,
+        place: _common_pb2.Place | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["place", b"place"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["place", b"place"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FlyToPlaceOrder: _TypeAlias = FlyToPlaceOrder  # noqa: Y015
+
+@_typing.final
+class SetFlightModeOrder(_message.Message):
+    """Put the vehicle into a mode."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    MODE_FIELD_NUMBER: _builtins.int
+    mode: _safety_pb2.FlightMode.ValueType
+    """The mode."""
+    def __init__(
+        self,
+        *,
+        mode: _safety_pb2.FlightMode.ValueType | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mode", b"mode"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["mode", b"mode"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SetFlightModeOrder: _TypeAlias = SetFlightModeOrder  # noqa: Y015
+
+@_typing.final
+class OverrideSafetyOrder(_message.Message):
+    """Hold a failsafe off."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCOPE_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    HELD_FOR_MS_FIELD_NUMBER: _builtins.int
+    scope: _safety_pb2.OverrideScope.ValueType
+    """What is held off."""
+    reason: _builtins.str
+    """Why, in the person's words."""
+    held_for_ms: _builtins.int
+    """For how long, in milliseconds."""
+    def __init__(
+        self,
+        *,
+        scope: _safety_pb2.OverrideScope.ValueType | None = ...,
+        reason: _builtins.str | None = ...,
+        held_for_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["held_for_ms", b"held_for_ms", "reason", b"reason", "scope", b"scope"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["held_for_ms", b"held_for_ms", "reason", b"reason", "scope", b"scope"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___OverrideSafetyOrder: _TypeAlias = OverrideSafetyOrder  # noqa: Y015
+
+@_typing.final
+class AcknowledgeSelftestOrder(_message.Message):
+    """Take on a self-test that came out degraded."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    REPORT_ID_FIELD_NUMBER: _builtins.int
+    report_id: _builtins.int
+    """Its report: the seq of the effect that asked for it."""
+    def __init__(
+        self,
+        *,
+        report_id: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["report_id", b"report_id"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["report_id", b"report_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___AcknowledgeSelftestOrder: _TypeAlias = AcknowledgeSelftestOrder  # noqa: Y015
+
+@_typing.final
+class MissionOrder(_message.Message):
+    """Begin the mission, go on with it, stay where the vehicle is, or give it up and return."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERB_FIELD_NUMBER: _builtins.int
+    verb: Global___MissionVerb.ValueType
+    """What is asked."""
+    def __init__(
+        self,
+        *,
+        verb: Global___MissionVerb.ValueType | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["verb", b"verb"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["verb", b"verb"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___MissionOrder: _TypeAlias = MissionOrder  # noqa: Y015
+
+@_typing.final
+class FollowPoiOrder(_message.Message):
+    """Keep a confirmed point of interest in view."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POI_ID_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    poi_id: _builtins.str
+    """The point of interest, as UUID string."""
+    camera: _builtins.int
+    """Camera, from 1."""
+    def __init__(
+        self,
+        *,
+        poi_id: _builtins.str | None = ...,
+        camera: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "poi_id", b"poi_id"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "poi_id", b"poi_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FollowPoiOrder: _TypeAlias = FollowPoiOrder  # noqa: Y015
+
+@_typing.final
 class OrderReceived(_message.Message):
     """An order that passed the cryptographic gate: verified, opened, decoded. The core judges the rest."""
 
@@ -203,6 +372,12 @@ class OrderReceived(_message.Message):
     POINT_AT_ANGLES_FIELD_NUMBER: _builtins.int
     RELEASE_CAMERA_FIELD_NUMBER: _builtins.int
     JUDGE_POI_FIELD_NUMBER: _builtins.int
+    FLY_TO_PLACE_FIELD_NUMBER: _builtins.int
+    SET_FLIGHT_MODE_FIELD_NUMBER: _builtins.int
+    OVERRIDE_SAFETY_FIELD_NUMBER: _builtins.int
+    ACKNOWLEDGE_SELFTEST_FIELD_NUMBER: _builtins.int
+    MISSION_FIELD_NUMBER: _builtins.int
+    FOLLOW_POI_FIELD_NUMBER: _builtins.int
     command_id: _builtins.str
     """Issuer-set UUID; with the issuer it is the dedup key."""
     body_digest: _builtins.bytes
@@ -243,6 +418,18 @@ class OrderReceived(_message.Message):
     def release_camera(self) -> Global___ReleaseCameraOrder: ...
     @_builtins.property
     def judge_poi(self) -> Global___JudgePoiOrder: ...
+    @_builtins.property
+    def fly_to_place(self) -> Global___FlyToPlaceOrder: ...
+    @_builtins.property
+    def set_flight_mode(self) -> Global___SetFlightModeOrder: ...
+    @_builtins.property
+    def override_safety(self) -> Global___OverrideSafetyOrder: ...
+    @_builtins.property
+    def acknowledge_selftest(self) -> Global___AcknowledgeSelftestOrder: ...
+    @_builtins.property
+    def mission(self) -> Global___MissionOrder: ...
+    @_builtins.property
+    def follow_poi(self) -> Global___FollowPoiOrder: ...
     def __init__(
         self,
         *,
@@ -265,12 +452,18 @@ class OrderReceived(_message.Message):
         point_at_angles: Global___PointAtAnglesOrder | None = ...,
         release_camera: Global___ReleaseCameraOrder | None = ...,
         judge_poi: Global___JudgePoiOrder | None = ...,
+        fly_to_place: Global___FlyToPlaceOrder | None = ...,
+        set_flight_mode: Global___SetFlightModeOrder | None = ...,
+        override_safety: Global___OverrideSafetyOrder | None = ...,
+        acknowledge_selftest: Global___AcknowledgeSelftestOrder | None = ...,
+        mission: Global___MissionOrder | None = ...,
+        follow_poi: Global___FollowPoiOrder | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["acknowledge_selftest", b"acknowledge_selftest", "before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "fly_to_place", b"fly_to_place", "follow_poi", b"follow_poi", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "mission", b"mission", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "override_safety", b"override_safety", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "set_flight_mode", b"set_flight_mode", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["acknowledge_selftest", b"acknowledge_selftest", "before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "fly_to_place", b"fly_to_place", "follow_poi", b"follow_poi", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "mission", b"mission", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "override_safety", b"override_safety", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "set_flight_mode", b"set_flight_mode", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_order: _TypeAlias = _typing.Literal["point_at_place", "point_at_angles", "release_camera", "judge_poi"]  # noqa: Y015
+    _WhichOneofReturnType_order: _TypeAlias = _typing.Literal["point_at_place", "point_at_angles", "release_camera", "judge_poi", "fly_to_place", "set_flight_mode", "override_safety", "acknowledge_selftest", "mission", "follow_poi"]  # noqa: Y015
     _WhichOneofArgType_order: _TypeAlias = _typing.Literal["order", b"order"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_order) -> _WhichOneofReturnType_order | None: ...
 

@@ -24,9 +24,10 @@ _sym_db = _symbol_database.Default()
 
 from events.schema import common_pb2 as events_dot_schema_dot_common__pb2
 from events.schema import options_pb2 as events_dot_schema_dot_options__pb2
+from events.schema import safety_pb2 as events_dot_schema_dot_safety__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1b\x65vents/schema/vehicle.proto\x12\x13\x61utopilot.events.v1\x1a\x1a\x65vents/schema/common.proto\x1a\x1b\x65vents/schema/options.proto\"\xc1\x01\n\x0cPointAtPlace\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x0e\n\x06gimbal\x18\x03 \x01(\r\x12)\n\x05place\x18\x04 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x0f\n\x07life_ms\x18\x05 \x01(\x04\x12\r\n\x05order\x18\x14 \x01(\t\x12\x0e\n\x06poi_id\x18\x15 \x01(\t:%\xca\xda\x18!\n\x0epoint_at_place\x10(\x18\x03 \x01(\x01\x32\x07vehicle\"\xc2\x01\n\rPointAtAngles\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x0e\n\x06gimbal\x18\x03 \x01(\r\x12\x12\n\npitch_cdeg\x18\x04 \x01(\x11\x12\x10\n\x08yaw_cdeg\x18\x05 \x01(\r\x12\x12\n\nyaw_locked\x18\x06 \x01(\x08\x12\x0f\n\x07life_ms\x18\x07 \x01(\x04\x12\r\n\x05order\x18\x14 \x01(\t:&\xca\xda\x18\"\n\x0fpoint_at_angles\x10)\x18\x03 \x01(\x01\x32\x07vehicle\"\x8b\x01\n\x0fReleasePointing\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x0e\n\x06gimbal\x18\x03 \x01(\r\x12\x0f\n\x07life_ms\x18\x04 \x01(\x04\x12\r\n\x05order\x18\x14 \x01(\t:\'\xca\xda\x18#\n\x10release_pointing\x10*\x18\x03 \x01(\x01\x32\x07vehicle\"=\n\x0b\x43ommandSent\x12\x12\n\neffect_seq\x18\x01 \x01(\x04:\x1a\xca\xda\x18\x16\n\x0c\x63ommand_sent\x10+\x18\x01 \x02(\x01\"}\n\x0f\x43ommandAnswered\x12\x12\n\neffect_seq\x18\x01 \x01(\x04\x12\x12\n\nmav_result\x18\x02 \x01(\r\x12\x10\n\x08progress\x18\x03 \x01(\r\x12\x10\n\x08\x61ttempts\x18\x04 \x01(\r:\x1e\xca\xda\x18\x1a\n\x10\x63ommand_answered\x10,\x18\x01 \x02(\x01\"l\n\x11\x43ommandUnanswered\x12\x12\n\neffect_seq\x18\x01 \x01(\x04\x12\x10\n\x08\x61ttempts\x18\x02 \x01(\r\x12\x0f\n\x07\x62\x65\x63\x61use\x18\x03 \x01(\t: \xca\xda\x18\x1c\n\x12\x63ommand_unanswered\x10-\x18\x01 \x02(\x01\"\xad\x01\n\x14VehicleStateReported\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x11\n\tsystem_id\x18\x02 \x01(\r\x12\x11\n\tautopilot\x18\x03 \x01(\r\x12\x14\n\x0cvehicle_type\x18\x04 \x01(\r\x12\r\n\x05\x61rmed\x18\x05 \x01(\x08\x12\x13\n\x0b\x63ustom_mode\x18\x06 \x01(\r:$\xca\xda\x18 \n\x16vehicle_state_reported\x10.\x18\x01 \x02(\x01\"U\n\x12VehicleLinkChanged\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\n\n\x02up\x18\x02 \x01(\x08:\"\xca\xda\x18\x1e\n\x14vehicle_link_changed\x10/\x18\x01 \x02(\x01\"\x98\x01\n\x10PositionReported\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12)\n\x05place\x18\x02 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x11\n\theight_mm\x18\x03 \x01(\x11\x12\x14\n\x0cheading_cdeg\x18\x04 \x01(\r:\x1f\xca\xda\x18\x1b\n\x11position_reported\x10\x30\x18\x01 \x02(\x01\"\x9e\x01\n\x0eGimbalReported\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06gimbal\x18\x02 \x01(\r\x12\x12\n\npitch_cdeg\x18\x03 \x01(\x11\x12\x10\n\x08yaw_cdeg\x18\x04 \x01(\r\x12\x12\n\neffect_seq\x18\x05 \x01(\x04\x12\x12\n\nerror_cdeg\x18\x06 \x01(\r:\x1d\xca\xda\x18\x19\n\x0fgimbal_reported\x10\x31\x18\x01 \x02(\x01\x62\x08\x65\x64itionsp\xe8\x07')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1b\x65vents/schema/vehicle.proto\x12\x13\x61utopilot.events.v1\x1a\x1a\x65vents/schema/common.proto\x1a\x1b\x65vents/schema/options.proto\x1a\x1a\x65vents/schema/safety.proto\"\xc1\x01\n\x0cPointAtPlace\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x0e\n\x06gimbal\x18\x03 \x01(\r\x12)\n\x05place\x18\x04 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x0f\n\x07life_ms\x18\x05 \x01(\x04\x12\r\n\x05order\x18\x14 \x01(\t\x12\x0e\n\x06poi_id\x18\x15 \x01(\t:%\xca\xda\x18!\n\x0epoint_at_place\x10(\x18\x03 \x01(\x01\x32\x07vehicle\"\xc2\x01\n\rPointAtAngles\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x0e\n\x06gimbal\x18\x03 \x01(\r\x12\x12\n\npitch_cdeg\x18\x04 \x01(\x11\x12\x10\n\x08yaw_cdeg\x18\x05 \x01(\r\x12\x12\n\nyaw_locked\x18\x06 \x01(\x08\x12\x0f\n\x07life_ms\x18\x07 \x01(\x04\x12\r\n\x05order\x18\x14 \x01(\t:&\xca\xda\x18\"\n\x0fpoint_at_angles\x10)\x18\x03 \x01(\x01\x32\x07vehicle\"\x8b\x01\n\x0fReleasePointing\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\x12\x0e\n\x06gimbal\x18\x03 \x01(\r\x12\x0f\n\x07life_ms\x18\x04 \x01(\x04\x12\r\n\x05order\x18\x14 \x01(\t:\'\xca\xda\x18#\n\x10release_pointing\x10*\x18\x03 \x01(\x01\x32\x07vehicle\"=\n\x0b\x43ommandSent\x12\x12\n\neffect_seq\x18\x01 \x01(\x04:\x1a\xca\xda\x18\x16\n\x0c\x63ommand_sent\x10+\x18\x01 \x02(\x01\"}\n\x0f\x43ommandAnswered\x12\x12\n\neffect_seq\x18\x01 \x01(\x04\x12\x12\n\nmav_result\x18\x02 \x01(\r\x12\x10\n\x08progress\x18\x03 \x01(\r\x12\x10\n\x08\x61ttempts\x18\x04 \x01(\r:\x1e\xca\xda\x18\x1a\n\x10\x63ommand_answered\x10,\x18\x01 \x02(\x01\"l\n\x11\x43ommandUnanswered\x12\x12\n\neffect_seq\x18\x01 \x01(\x04\x12\x10\n\x08\x61ttempts\x18\x02 \x01(\r\x12\x0f\n\x07\x62\x65\x63\x61use\x18\x03 \x01(\t: \xca\xda\x18\x1c\n\x12\x63ommand_unanswered\x10-\x18\x01 \x02(\x01\"\xf9\x01\n\x14VehicleStateReported\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x11\n\tsystem_id\x18\x02 \x01(\r\x12\x11\n\tautopilot\x18\x03 \x01(\r\x12\x14\n\x0cvehicle_type\x18\x04 \x01(\r\x12\r\n\x05\x61rmed\x18\x05 \x01(\x08\x12\x13\n\x0b\x63ustom_mode\x18\x06 \x01(\r\x12\x14\n\x0clanded_state\x18\x07 \x01(\r\x12\x34\n\x0b\x66light_mode\x18\x08 \x01(\x0e\x32\x1f.autopilot.events.v1.FlightMode:$\xca\xda\x18 \n\x16vehicle_state_reported\x10.\x18\x01 \x02(\x01\"U\n\x12VehicleLinkChanged\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\n\n\x02up\x18\x02 \x01(\x08:\"\xca\xda\x18\x1e\n\x14vehicle_link_changed\x10/\x18\x01 \x02(\x01\"\xd0\x01\n\x10PositionReported\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12)\n\x05place\x18\x02 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x11\n\theight_mm\x18\x03 \x01(\x11\x12\x14\n\x0cheading_cdeg\x18\x04 \x01(\r\x12\x11\n\teast_mm_s\x18\x05 \x01(\x11\x12\x12\n\nnorth_mm_s\x18\x06 \x01(\x11\x12\x0f\n\x07up_mm_s\x18\x07 \x01(\x11:\x1f\xca\xda\x18\x1b\n\x11position_reported\x10\x30\x18\x01 \x02(\x01\"\x9e\x01\n\x0eGimbalReported\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x0e\n\x06gimbal\x18\x02 \x01(\r\x12\x12\n\npitch_cdeg\x18\x03 \x01(\x11\x12\x10\n\x08yaw_cdeg\x18\x04 \x01(\r\x12\x12\n\neffect_seq\x18\x05 \x01(\x04\x12\x12\n\nerror_cdeg\x18\x06 \x01(\r:\x1d\xca\xda\x18\x19\n\x0fgimbal_reported\x10\x31\x18\x01 \x02(\x01\x62\x08\x65\x64itionsp\xe8\x07')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -53,24 +54,24 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_POSITIONREPORTED']._serialized_options = b'\312\332\030\033\n\021position_reported\0200\030\001 \002(\001'
   _globals['_GIMBALREPORTED']._loaded_options = None
   _globals['_GIMBALREPORTED']._serialized_options = b'\312\332\030\031\n\017gimbal_reported\0201\030\001 \002(\001'
-  _globals['_POINTATPLACE']._serialized_start=110
-  _globals['_POINTATPLACE']._serialized_end=303
-  _globals['_POINTATANGLES']._serialized_start=306
-  _globals['_POINTATANGLES']._serialized_end=500
-  _globals['_RELEASEPOINTING']._serialized_start=503
-  _globals['_RELEASEPOINTING']._serialized_end=642
-  _globals['_COMMANDSENT']._serialized_start=644
-  _globals['_COMMANDSENT']._serialized_end=705
-  _globals['_COMMANDANSWERED']._serialized_start=707
-  _globals['_COMMANDANSWERED']._serialized_end=832
-  _globals['_COMMANDUNANSWERED']._serialized_start=834
-  _globals['_COMMANDUNANSWERED']._serialized_end=942
-  _globals['_VEHICLESTATEREPORTED']._serialized_start=945
-  _globals['_VEHICLESTATEREPORTED']._serialized_end=1118
-  _globals['_VEHICLELINKCHANGED']._serialized_start=1120
-  _globals['_VEHICLELINKCHANGED']._serialized_end=1205
-  _globals['_POSITIONREPORTED']._serialized_start=1208
-  _globals['_POSITIONREPORTED']._serialized_end=1360
-  _globals['_GIMBALREPORTED']._serialized_start=1363
-  _globals['_GIMBALREPORTED']._serialized_end=1521
+  _globals['_POINTATPLACE']._serialized_start=138
+  _globals['_POINTATPLACE']._serialized_end=331
+  _globals['_POINTATANGLES']._serialized_start=334
+  _globals['_POINTATANGLES']._serialized_end=528
+  _globals['_RELEASEPOINTING']._serialized_start=531
+  _globals['_RELEASEPOINTING']._serialized_end=670
+  _globals['_COMMANDSENT']._serialized_start=672
+  _globals['_COMMANDSENT']._serialized_end=733
+  _globals['_COMMANDANSWERED']._serialized_start=735
+  _globals['_COMMANDANSWERED']._serialized_end=860
+  _globals['_COMMANDUNANSWERED']._serialized_start=862
+  _globals['_COMMANDUNANSWERED']._serialized_end=970
+  _globals['_VEHICLESTATEREPORTED']._serialized_start=973
+  _globals['_VEHICLESTATEREPORTED']._serialized_end=1222
+  _globals['_VEHICLELINKCHANGED']._serialized_start=1224
+  _globals['_VEHICLELINKCHANGED']._serialized_end=1309
+  _globals['_POSITIONREPORTED']._serialized_start=1312
+  _globals['_POSITIONREPORTED']._serialized_end=1520
+  _globals['_GIMBALREPORTED']._serialized_start=1523
+  _globals['_GIMBALREPORTED']._serialized_end=1681
 # @@protoc_insertion_point(module_scope)

@@ -4,6 +4,7 @@ isort:skip_file
 """
 
 from events.schema import common_pb2 as _common_pb2
+from events.schema import safety_pb2 as _safety_pb2
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
 import builtins as _builtins
@@ -251,6 +252,8 @@ class VehicleStateReported(_message.Message):
     VEHICLE_TYPE_FIELD_NUMBER: _builtins.int
     ARMED_FIELD_NUMBER: _builtins.int
     CUSTOM_MODE_FIELD_NUMBER: _builtins.int
+    LANDED_STATE_FIELD_NUMBER: _builtins.int
+    FLIGHT_MODE_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     system_id: _builtins.int
@@ -263,6 +266,10 @@ class VehicleStateReported(_message.Message):
     """Motors armed."""
     custom_mode: _builtins.int
     """custom_mode as the autopilot numbers it."""
+    landed_state: _builtins.int
+    """Raw MAV_LANDED_STATE; absent where the vehicle does not tell it."""
+    flight_mode: _safety_pb2.FlightMode.ValueType
+    """What custom_mode means; absent where it is none of these."""
     def __init__(
         self,
         *,
@@ -272,10 +279,12 @@ class VehicleStateReported(_message.Message):
         vehicle_type: _builtins.int | None = ...,
         armed: _builtins.bool | None = ...,
         custom_mode: _builtins.int | None = ...,
+        landed_state: _builtins.int | None = ...,
+        flight_mode: _safety_pb2.FlightMode.ValueType | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "autopilot", b"autopilot", "custom_mode", b"custom_mode", "system_id", b"system_id", "vehicle", b"vehicle", "vehicle_type", b"vehicle_type"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "autopilot", b"autopilot", "custom_mode", b"custom_mode", "flight_mode", b"flight_mode", "landed_state", b"landed_state", "system_id", b"system_id", "vehicle", b"vehicle", "vehicle_type", b"vehicle_type"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "autopilot", b"autopilot", "custom_mode", b"custom_mode", "system_id", b"system_id", "vehicle", b"vehicle", "vehicle_type", b"vehicle_type"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "autopilot", b"autopilot", "custom_mode", b"custom_mode", "flight_mode", b"flight_mode", "landed_state", b"landed_state", "system_id", b"system_id", "vehicle", b"vehicle", "vehicle_type", b"vehicle_type"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -317,12 +326,21 @@ class PositionReported(_message.Message):
     PLACE_FIELD_NUMBER: _builtins.int
     HEIGHT_MM_FIELD_NUMBER: _builtins.int
     HEADING_CDEG_FIELD_NUMBER: _builtins.int
+    EAST_MM_S_FIELD_NUMBER: _builtins.int
+    NORTH_MM_S_FIELD_NUMBER: _builtins.int
+    UP_MM_S_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     height_mm: _builtins.int
     """Height above home in millimetres."""
     heading_cdeg: _builtins.int
     """Heading in 0.01 degrees; absent where unknown."""
+    east_mm_s: _builtins.int
+    """Speed over the ground towards east, in millimetres a second; absent in logs from before it was read."""
+    north_mm_s: _builtins.int
+    """Speed over the ground towards north, in millimetres a second; absent in logs from before it was read."""
+    up_mm_s: _builtins.int
+    """Speed upwards, in millimetres a second; absent in logs from before it was read."""
     @_builtins.property
     def place(self) -> _common_pb2.Place:
         """Position; altitude AMSL."""
@@ -334,10 +352,13 @@ class PositionReported(_message.Message):
         place: _common_pb2.Place | None = ...,
         height_mm: _builtins.int | None = ...,
         heading_cdeg: _builtins.int | None = ...,
+        east_mm_s: _builtins.int | None = ...,
+        north_mm_s: _builtins.int | None = ...,
+        up_mm_s: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["heading_cdeg", b"heading_cdeg", "height_mm", b"height_mm", "place", b"place", "vehicle", b"vehicle"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["east_mm_s", b"east_mm_s", "heading_cdeg", b"heading_cdeg", "height_mm", b"height_mm", "north_mm_s", b"north_mm_s", "place", b"place", "up_mm_s", b"up_mm_s", "vehicle", b"vehicle"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["heading_cdeg", b"heading_cdeg", "height_mm", b"height_mm", "place", b"place", "vehicle", b"vehicle"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["east_mm_s", b"east_mm_s", "heading_cdeg", b"heading_cdeg", "height_mm", b"height_mm", "north_mm_s", b"north_mm_s", "place", b"place", "up_mm_s", b"up_mm_s", "vehicle", b"vehicle"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

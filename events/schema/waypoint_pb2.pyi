@@ -628,6 +628,12 @@ class DeviceCommand(_message.Message):
     CAMERA_RELEASE_FIELD_NUMBER: _builtins.int
     POI_CONFIRM_FIELD_NUMBER: _builtins.int
     POI_DECLINE_FIELD_NUMBER: _builtins.int
+    FLY_TO_WAYPOINT_FIELD_NUMBER: _builtins.int
+    SET_FLIGHT_MODE_FIELD_NUMBER: _builtins.int
+    SAFETY_OVERRIDE_FIELD_NUMBER: _builtins.int
+    SELFTEST_ACKNOWLEDGE_FIELD_NUMBER: _builtins.int
+    MISSION_COMMAND_FIELD_NUMBER: _builtins.int
+    POI_FOLLOW_FIELD_NUMBER: _builtins.int
     command_id: _builtins.str
     """Issuer-set UUID."""
     target_node_pubkey: _builtins.bytes
@@ -642,6 +648,18 @@ class DeviceCommand(_message.Message):
     def poi_confirm(self) -> Global___PoiConfirm: ...
     @_builtins.property
     def poi_decline(self) -> Global___PoiDecline: ...
+    @_builtins.property
+    def fly_to_waypoint(self) -> Global___FlyToWaypoint: ...
+    @_builtins.property
+    def set_flight_mode(self) -> Global___SetFlightMode: ...
+    @_builtins.property
+    def safety_override(self) -> Global___SafetyOverride: ...
+    @_builtins.property
+    def selftest_acknowledge(self) -> Global___SelftestAcknowledge: ...
+    @_builtins.property
+    def mission_command(self) -> Global___MissionCommand: ...
+    @_builtins.property
+    def poi_follow(self) -> Global___PoiFollow: ...
     def __init__(
         self,
         *,
@@ -652,12 +670,18 @@ class DeviceCommand(_message.Message):
         camera_release: Global___CameraRelease | None = ...,
         poi_confirm: Global___PoiConfirm | None = ...,
         poi_decline: Global___PoiDecline | None = ...,
+        fly_to_waypoint: Global___FlyToWaypoint | None = ...,
+        set_flight_mode: Global___SetFlightMode | None = ...,
+        safety_override: Global___SafetyOverride | None = ...,
+        selftest_acknowledge: Global___SelftestAcknowledge | None = ...,
+        mission_command: Global___MissionCommand | None = ...,
+        poi_follow: Global___PoiFollow | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["camera_pitch_yaw", b"camera_pitch_yaw", "camera_release", b"camera_release", "camera_roi", b"camera_roi", "command", b"command", "command_id", b"command_id", "poi_confirm", b"poi_confirm", "poi_decline", b"poi_decline", "target_node_pubkey", b"target_node_pubkey"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera_pitch_yaw", b"camera_pitch_yaw", "camera_release", b"camera_release", "camera_roi", b"camera_roi", "command", b"command", "command_id", b"command_id", "fly_to_waypoint", b"fly_to_waypoint", "mission_command", b"mission_command", "poi_confirm", b"poi_confirm", "poi_decline", b"poi_decline", "poi_follow", b"poi_follow", "safety_override", b"safety_override", "selftest_acknowledge", b"selftest_acknowledge", "set_flight_mode", b"set_flight_mode", "target_node_pubkey", b"target_node_pubkey"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera_pitch_yaw", b"camera_pitch_yaw", "camera_release", b"camera_release", "camera_roi", b"camera_roi", "command", b"command", "command_id", b"command_id", "poi_confirm", b"poi_confirm", "poi_decline", b"poi_decline", "target_node_pubkey", b"target_node_pubkey"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera_pitch_yaw", b"camera_pitch_yaw", "camera_release", b"camera_release", "camera_roi", b"camera_roi", "command", b"command", "command_id", b"command_id", "fly_to_waypoint", b"fly_to_waypoint", "mission_command", b"mission_command", "poi_confirm", b"poi_confirm", "poi_decline", b"poi_decline", "poi_follow", b"poi_follow", "safety_override", b"safety_override", "selftest_acknowledge", b"selftest_acknowledge", "set_flight_mode", b"set_flight_mode", "target_node_pubkey", b"target_node_pubkey"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_command: _TypeAlias = _typing.Literal["camera_roi", "camera_pitch_yaw", "camera_release", "poi_confirm", "poi_decline"]  # noqa: Y015
+    _WhichOneofReturnType_command: _TypeAlias = _typing.Literal["camera_roi", "camera_pitch_yaw", "camera_release", "poi_confirm", "poi_decline", "fly_to_waypoint", "set_flight_mode", "safety_override", "selftest_acknowledge", "mission_command", "poi_follow"]  # noqa: Y015
     _WhichOneofArgType_command: _TypeAlias = _typing.Literal["command", b"command"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_command) -> _WhichOneofReturnType_command | None: ...
 
@@ -796,6 +820,158 @@ class PoiDecline(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___PoiDecline: _TypeAlias = PoiDecline  # noqa: Y015
+
+@_typing.final
+class FlyToWaypoint(_message.Message):
+    """Ours: fly to a place and stay there (seed 000, Gaps)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LAT_E7_FIELD_NUMBER: _builtins.int
+    LON_E7_FIELD_NUMBER: _builtins.int
+    ALTITUDE_DM_FIELD_NUMBER: _builtins.int
+    lat_e7: _builtins.int
+    """Latitude in 1e-7 degrees."""
+    lon_e7: _builtins.int
+    """Longitude in 1e-7 degrees."""
+    altitude_dm: _builtins.int
+    """Altitude above mean sea level in decimetres."""
+    def __init__(
+        self,
+        *,
+        lat_e7: _builtins.int | None = ...,
+        lon_e7: _builtins.int | None = ...,
+        altitude_dm: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["altitude_dm", b"altitude_dm", "lat_e7", b"lat_e7", "lon_e7", b"lon_e7"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["altitude_dm", b"altitude_dm", "lat_e7", b"lat_e7", "lon_e7", b"lon_e7"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FlyToWaypoint: _TypeAlias = FlyToWaypoint  # noqa: Y015
+
+@_typing.final
+class SetFlightMode(_message.Message):
+    """Ours: put the vehicle into a mode (seed 000, Gaps)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    MODE_FIELD_NUMBER: _builtins.int
+    mode: _builtins.str
+    """"return", "loiter", "guided" or "land"."""
+    def __init__(
+        self,
+        *,
+        mode: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["mode", b"mode"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["mode", b"mode"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SetFlightMode: _TypeAlias = SetFlightMode  # noqa: Y015
+
+@_typing.final
+class SafetyOverride(_message.Message):
+    """Ours: hold a failsafe off (seed 004, OperatorCommand safety_override)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCOPE_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    HELD_FOR_MS_FIELD_NUMBER: _builtins.int
+    scope: _builtins.str
+    """"battery_return", "link_return" or "fence_return"."""
+    reason: _builtins.str
+    """Why, in the person's words; at most 200 characters."""
+    held_for_ms: _builtins.int
+    """For how long, in milliseconds."""
+    def __init__(
+        self,
+        *,
+        scope: _builtins.str | None = ...,
+        reason: _builtins.str | None = ...,
+        held_for_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["held_for_ms", b"held_for_ms", "reason", b"reason", "scope", b"scope"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["held_for_ms", b"held_for_ms", "reason", b"reason", "scope", b"scope"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SafetyOverride: _TypeAlias = SafetyOverride  # noqa: Y015
+
+@_typing.final
+class SelftestAcknowledge(_message.Message):
+    """Ours: take on a self-test that came out degraded (seed 004, OperatorCommand acknowledge_bit_degraded)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    REPORT_ID_FIELD_NUMBER: _builtins.int
+    report_id: _builtins.int
+    """Its report."""
+    def __init__(
+        self,
+        *,
+        report_id: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["report_id", b"report_id"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["report_id", b"report_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SelftestAcknowledge: _TypeAlias = SelftestAcknowledge  # noqa: Y015
+
+@_typing.final
+class MissionCommand(_message.Message):
+    """Ours: what to do with the mission (seed 004, OperatorCommand mission_abort)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERB_FIELD_NUMBER: _builtins.int
+    verb: _builtins.str
+    """"begin", "pause", "resume" or "abort"."""
+    def __init__(
+        self,
+        *,
+        verb: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["verb", b"verb"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["verb", b"verb"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___MissionCommand: _TypeAlias = MissionCommand  # noqa: Y015
+
+@_typing.final
+class PoiFollow(_message.Message):
+    """Ours: keep a confirmed point of interest in view (seed 004, OperatorCommand start_target_follow)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    POI_ID_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    poi_id: _builtins.str
+    """The point of interest, as UUID string."""
+    camera: _builtins.int
+    """Camera, from 1; absent means 1."""
+    def __init__(
+        self,
+        *,
+        poi_id: _builtins.str | None = ...,
+        camera: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "poi_id", b"poi_id"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "poi_id", b"poi_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PoiFollow: _TypeAlias = PoiFollow  # noqa: Y015
 
 @_typing.final
 class CommandAck(_message.Message):

@@ -118,8 +118,11 @@ def test_every_message_with_a_kind_is_in_the_catalogue() -> None:
     named = [one for one in messages if issubclass(one, Message) and "number" in str(one.DESCRIPTOR.GetOptions())]
     check_equal(len(named), len(KINDS))
     ports = {kind.name: kind.port for kind in KINDS if kind.role is Role.EFFECT}
-    vehicle = ("point_at_place", "point_at_angles", "release_pointing")
-    check_equal(ports, {"send_ack": "mesh"} | dict.fromkeys(vehicle, "vehicle"))
+    pointing = ("point_at_place", "point_at_angles", "release_pointing")
+    flying = ("set_vehicle_mode", "fly_to_place", "arm_vehicle", "start_mission", "set_mission_item", "upload_mission")
+    elsewhere = {"send_ack": "mesh", "fetch_mission": "missions", "post_waypoint": "missions"}
+    elsewhere["run_selftest"] = "selftest"
+    check_equal(ports, elsewhere | dict.fromkeys((*pointing, *flying), "vehicle"))
     sync = {kind.name for kind in KINDS if kind.sync}
     check_equal({"order_received", "order_malformed", "flight_opened", "step_failed", "point_at_place"} - sync, set())
     check_equal({"frame_observed", "moved", "gimbal_reported", "position_reported"} & sync, set())
