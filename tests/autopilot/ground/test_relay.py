@@ -133,10 +133,18 @@ def test_it_listens_to_what_it_relays_and_to_nothing_else() -> None:
     assert sorted(wires.outer.subscriptions) == [
         "waypoint/global/cmd/wasp-01/*",
         "waypoint/global/cosign/wasp-01",
+        "waypoint/global/trust/coast-watch/epoch/*",
+        "waypoint/global/trust/coast-watch/revocations",
+        "waypoint/global/trust/coast-watch/trust_root",
     ]
     assert sorted(wires.inner.subscriptions) == ["waypoint/global/ack/wasp-01/*", "waypoint/global/status/wasp-01"]
     assert list(wires.outer.answerers) == ["waypoint/global/proof/wasp-01"]
-    assert wires.inner.answerers == {}
+    assert sorted(wires.inner.answerers) == [
+        "waypoint/global/trust/coast-watch/epoch",
+        "waypoint/global/trust/coast-watch/revocations",
+        "waypoint/global/trust/coast-watch/time",
+        "waypoint/global/trust/coast-watch/trust_root",
+    ]
 
 
 def test_each_device_and_all_together_have_the_rates_that_are_configured() -> None:
