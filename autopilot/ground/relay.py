@@ -150,11 +150,14 @@ class Proofs:
 
     def _run(self) -> None:
         while (asked := self._queue.get()) is not None:
-            key_expr, question, reply = asked
-            answers = self._inner.ask(key_expr, question, PROOF_PATIENCE_S)
-            if answers:
-                reply(answers[0])
-                self._count("answered")
+            self._pass(*asked)
+            del asked  # letting go of a question tells an asker that nobody answers
+
+    def _pass(self, key_expr: str, question: bytes, reply: Reply) -> None:
+        answers = self._inner.ask(key_expr, question, PROOF_PATIENCE_S)
+        if answers:
+            reply(answers[0])
+            self._count("answered")
 
     def _count(self, what: str) -> None:
         with self._lock:

@@ -43,3 +43,4 @@ class Lane:
     def _work(self) -> None:
         while (act := self._waiting.get()) is not None:
             act()
+            del act  # it may hold a question that nobody answers: letting go of it tells the asker so
