@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from autopilot.adapters.mesh.link import Reply
 from autopilot.ground.directory_papers import signed_beacon, signed_bundle
 from autopilot.ground.relay import Relay
 from autopilot.ground.relay_config import VerifySection
@@ -96,6 +98,23 @@ class Desk:
         """Stop the relay; return what it put inside."""
         self.relay.stop()
         return [(key, payload) for key, payload, _ in self.inner.puts]
+
+
+class Asked:
+    """A question whose end is seen: `gone` is set when nobody holds its reply any more."""
+
+    def __init__(self) -> None:
+        self.gone, self._replied = threading.Event(), list[bytes]()
+
+    def reply(self) -> Reply:
+        """Return what answers it; it is not kept here."""
+        replied = self._replied
+
+        def give(answer: bytes) -> None:
+            replied.append(answer)
+
+        weakref.finalize(give, self.gone.set)
+        return give
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from autopilot.trust.envelope import MessageType
 from autopilot.trust.identity import Identity
 from autopilot.wire.keys import ACKS, COSIGNATURES, ORDERS, STATUS, Channel, ack_key, cosign_key, proof_key, status_key
 from events.schema.waypoint_pb2 import EnvelopeHeader
+from tests.autopilot.ground.relay_desk import Asked
 from tests.autopilot.trust.world import COMMAND_ID, KEY, NOW_MS, FakeClock, FakeWire, Forge, people
 
 WITHIN_S = 10.0
@@ -237,6 +238,15 @@ def test_a_question_that_nobody_answers_is_not_answered() -> None:
 
     replied, counts = asked(Once(), [b"first", b"second"])
     assert (replied, counts["asked"], counts["answered"]) == ([b"answer"], 2, 1)
+
+
+def test_a_question_for_a_proof_that_nobody_answers_is_let_go_of() -> None:
+    """Else its asker waits for as long as it can."""
+    proofs, question = Proofs(FakeWire(), FakeClock()), Asked()
+    proofs.start()
+    proofs.receive(proof_key("wasp-01"), b"?", question.reply())
+    assert question.gone.wait(WITHIN_S)
+    proofs.stop()
 
 
 def test_questions_are_bounded_in_size_and_number() -> None:

@@ -27,7 +27,7 @@ from autopilot.wire.keys import (
     order_key,
     trust_key,
 )
-from tests.autopilot.ground.relay_desk import CHALLENGE, GOOD, Desk, Make, desk_in
+from tests.autopilot.ground.relay_desk import CHALLENGE, GOOD, Asked, Desk, Make, desk_in
 from tests.autopilot.trust.world import COMMAND_ID, FakeWire, Forge
 from tests.checks import check_equal
 
@@ -140,6 +140,13 @@ def test_questions_that_wait_are_bounded_and_forgotten_when_nobody_waits(desk: D
     found, waited = desk.relay.counts()["questions"], relay_documents.WAITING_MAX - 1
     check_equal((found["busy"], found["asked"], found["late"], found["answered"]), (3, 1 + waited, waited, 1))
     check_equal((len(replied), len(slow.asked)), (1, 1))
+
+
+def test_a_question_that_nobody_answers_is_let_go_of(desk: Desk) -> None:
+    """Zenoh tells an asker that there is no answer when the last reference to the question is gone."""
+    question = Asked()
+    desk.inner.answerers[trust_key(REVOCATIONS, "coast-watch")](b"", question.reply())
+    assert question.gone.wait(10)
 
 
 def test_the_time_is_not_asked_for_behind_other_questions(desk: Desk) -> None:
