@@ -1,7 +1,7 @@
 """The source system's numbers: what its generated code would write is read here, and the other way round.
 
-The bytes are put together by hand from field numbers and wire types (protobuf encoding: tag = number << 3 | type; sint32
-is zigzag), so that a renumbered schema does not agree with itself.
+The bytes are put together by hand from field numbers and wire types (protobuf encoding: a tag is number << 3 | type,
+sint32 is zigzag), so that a renumbered schema does not agree with itself.
 """
 
 from __future__ import annotations
@@ -81,7 +81,11 @@ def test_the_answers_are_those_of_the_source_system() -> None:
 
 def test_what_is_ours_begins_at_20() -> None:
     """A later number of the source system does not meet one of ours."""
-    theirs = {DeviceCommand: {1, 5, 10, 11}, CommandAck: {1, 2, 3, 4}, CameraRoi: {1, 2, 3}, CameraPitchYaw: {1, 2}}
-    for message, numbers in theirs.items():
-        found = {each.number for each in message.DESCRIPTOR.fields}
-        check_equal({number for number in found if number < 20}, numbers)
+    theirs: list[tuple[Message, set[int]]] = [
+        (DeviceCommand(), {1, 5, 10, 11}),
+        (CommandAck(), {1, 2, 3, 4}),
+        (CameraRoi(), {1, 2, 3}),
+        (CameraPitchYaw(), {1, 2}),
+    ]
+    for message, numbers in theirs:
+        check_equal({each.number for each in message.DESCRIPTOR.fields if each.number < 20}, numbers)
