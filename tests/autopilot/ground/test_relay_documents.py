@@ -189,3 +189,5 @@ def test_a_bundle_that_the_list_makes_void_stays_outside(desk: Desk) -> None:
     desk.ask(REVOCATIONS, b"", desk.newest(REVOCATIONS_FILE))
     check_equal(desk.ask(EPOCHS, desk.device, before), [])
     check_equal(desk.counts(EPOCHS), {"received": 1, "passed": 0, "old": 1})
+    least = several(desk.bundles()[-1])
+    check_equal(desk.ask(EPOCHS, desk.device, least), [least])
