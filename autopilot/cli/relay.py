@@ -24,6 +24,7 @@ from autopilot.ground.relay_config import RelayConfig
 from autopilot.ground.relay_papers import Papers, PapersError
 from autopilot.ground.relay_rules import inner_settings, outer_settings
 from autopilot.trust.clock import HostClock, wall_ms
+from autopilot.trust.limits import DOCUMENT_BYTES_MAX
 
 READY_WITHIN_S = 10.0
 LOOK_EVERY_S = 1.0  # how soon a newer revocation list is taken
@@ -91,7 +92,12 @@ def _verifying(config: RelayConfig) -> _Service:
     assert verify is not None
     assert side is not None
     papers = Papers(Path(verify.documents), wall_ms(clock))
-    outer = Link(mode="router", listen=config.outer.listen, over=outer_settings(config))
+    outer = Link(
+        mode="router",
+        listen=config.outer.listen,
+        answer_bytes_max=DOCUMENT_BYTES_MAX,
+        over=outer_settings(config),
+    )
     inner = Link(
         mode="router" if side.listen else "client",
         connect=side.connect,
@@ -104,7 +110,7 @@ def _verifying(config: RelayConfig) -> _Service:
         return outer.opened() and (inner.opened() or not side.listen)
 
     relay = Relay(verify, papers, clock, outer, inner)
-    return _Service(relay.start, relay.stop, opened, papers.look, relay.counts)
+    return _Service(relay.start, relay.stop, opened, relay.look, relay.counts)
 
 
 def _served(service: _Service, config: RelayConfig) -> int:

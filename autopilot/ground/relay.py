@@ -1,8 +1,9 @@
 """The verifying relay: two sessions, and between them only what a relay can verify without a secret.
 
 Orders and cosignatures go inward, acks and status outward, byte for byte as they came. Each kind of key has a gate of
-its own (`autopilot.trust.keyless`). What passed waits in a bounded queue for a thread that puts it on the other side,
-for a put may block and a callback must not. Nothing is answered, kept on disk or raised here; everything is counted.
+its own (`autopilot.trust.keyless`). A Directory's documents come in as they are asked for (`relay_documents`). What
+passed waits in a bounded queue for a thread that puts it on the other side, for a put may block and a callback must
+not. Nothing is answered, kept on disk or raised here; everything is counted.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from typing import Final
 
 from autopilot.adapters.mesh.link import LinkDown, Reply, Wire
 from autopilot.ground.relay_config import VerifySection
+from autopilot.ground.relay_documents import Documents
 from autopilot.ground.relay_papers import Papers
 from autopilot.trust.clock import Clock
+from autopilot.trust.documents import Trust
 from autopilot.trust.envelope import MessageType
 from autopilot.trust.keyless import KeylessGate, Rates
 from autopilot.trust.window import TokenBucket
@@ -147,15 +150,28 @@ class Proofs:
 
     def _run(self) -> None:
         while (asked := self._queue.get()) is not None:
-            key_expr, question, reply = asked
-            answers = self._inner.ask(key_expr, question, PROOF_PATIENCE_S)
-            if answers:
-                reply(answers[0])
-                self._count("answered")
+            self._pass(*asked)
+            del asked  # letting go of a question tells an asker that nobody answers
+
+    def _pass(self, key_expr: str, question: bytes, reply: Reply) -> None:
+        answers = self._inner.ask(key_expr, question, PROOF_PATIENCE_S)
+        if answers:
+            reply(answers[0])
+            self._count("answered")
 
     def _count(self, what: str) -> None:
         with self._lock:
             self._counts[what] += 1
+
+
+class RelayGate(KeylessGate):
+    """A gate whose trust root may be replaced by one that follows it."""
+
+    def believe(self, trust: Trust) -> None:
+        """Go by another root from now on; every token has to prove itself again."""
+        with self._lock:
+            self._trust = trust
+            self._tokens.clear()
 
 
 class Relay:
@@ -169,6 +185,7 @@ class Relay:
         self._channels = [channel for channel in NODE_CHANNELS if channel.envelope_type is not None]
         self._gates = {channel.name: self._gate(channel) for channel in self._channels}
         self._proofs = Proofs(inner, clock)
+        self._documents = Documents(papers, clock, outer, inner, give=self._give, believe=self._believe)
 
     def start(self) -> None:
         """Listen; returns at once."""
@@ -182,6 +199,7 @@ class Relay:
         for pump in self._pumps.values():
             pump.start()
         self._proofs.start()
+        self._documents.start()
         self._inner.start()
         self._outer.start()
 
@@ -189,9 +207,15 @@ class Relay:
         """Take no more, put what waits, and close."""
         self._outer.stop()
         self._proofs.stop()
+        self._documents.stop()
         for pump in self._pumps.values():
             pump.stop()
         self._inner.stop()
+
+    def look(self) -> str:
+        """Do what is due: take a newer list from its file, ask for one. Returns what is wrong with the file."""
+        self._documents.turn()
+        return self._papers.look()
 
     def receive(self, channel: Channel, key_expr: str, payload: bytes) -> None:
         """Judge one sample; what passes waits to be put on the other side, unchanged. Never raises."""
@@ -209,11 +233,18 @@ class Relay:
         found["inward"] = self._pumps[Direction.IN].counts()
         found["outward"] = self._pumps[Direction.OUT].counts()
         found[PROOFS.name] = self._proofs.counts()
-        return found
+        return found | self._documents.counts()
 
-    def _gate(self, channel: Channel) -> KeylessGate:
+    def _give(self, key_expr: str, document: bytes) -> None:
+        self._pumps[Direction.IN].offer(Sample(key_expr, document, urgent=False))
+
+    def _believe(self) -> None:
+        for gate in self._gates.values():
+            gate.believe(self._papers.trust)
+
+    def _gate(self, channel: Channel) -> RelayGate:
         config, inward = self._config, channel.direction is Direction.IN
-        return KeylessGate(
+        return RelayGate(
             self._papers.trust,
             self._papers.revocations,
             MessageType(channel.envelope_type or 0),

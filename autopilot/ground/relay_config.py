@@ -38,7 +38,9 @@ class OuterSection(Section):
 
     listen: tuple[str, ...] = Field(min_length=1, description="Endpoints, e.g. tls/0.0.0.0:7447.")
     max_sessions: int = Field(64, ge=1, le=10_000, description="More sessions at a time are refused.")
-    max_message_bytes: int = Field(65_536, ge=20_480, le=1 << 30, description="What one message may gather to.")
+    max_message_bytes: int = Field(
+        266_240, ge=20_480, le=1 << 30, description="What one message may gather to: a full revocation list, and room."
+    )
     tls: TlsSection | None = Field(None, description="Absent: endpoints are plain.")
 
 

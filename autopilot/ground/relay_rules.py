@@ -42,7 +42,9 @@ _ANSWERS: Final = (("egress", ("query",)), ("ingress", ("reply", "declare_querya
 
 def outer_settings(config: RelayConfig) -> Settings:
     """Return what the outer session is told over the settings that every session has."""
-    sides: tuple[Side, ...] = ("node", "ground", "directory") if config.relay.mode == "router" else ("ground",)
+    sides: tuple[Side, ...] = (
+        ("ground", "directory") if config.relay.mode == "verifying" else ("node", "ground", "directory")
+    )
     return _settings(config, config.outer, sides) | {
         "transport/link/rx/max_message_size": config.outer.max_message_bytes,
     }

@@ -28,6 +28,7 @@ from tests.torture import (
     powercut,
     redact,
     rot,
+    schedules,
     witness,
 )
 
@@ -46,6 +47,7 @@ AREAS: dict[str, Run] = {
     "powercut": powercut.run,
     "redact": redact.run,
     "rot": rot.run,
+    "schedules": schedules.run,
     "witness": witness.run,
 }
 

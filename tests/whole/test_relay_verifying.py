@@ -116,10 +116,13 @@ def revoke(world: World, principal: str, version: int) -> None:
 
 def packed(world: World, who: str, content: bytes = b"c") -> tuple[str, bytes]:
     """Return key and envelope of an order that nobody can decode and everybody can verify."""
-    key = order_key(NODE, COMMAND_ID)
-    return key, Packer(world.identity(who), HostClock()).pack(
-        MessageType.ORDER, key, content, ttl_ms=10_000
-    ).envelope  # fmt: skip
+    return packed_by(world.folder, who, content)
+
+
+def packed_by(folder: Path, who: str, content: bytes = b"c") -> tuple[str, bytes]:
+    """Return the same by an identity in a folder."""
+    key, packer = order_key(NODE, COMMAND_ID), Packer(load_identity(folder / who), HostClock())
+    return key, packer.pack(MessageType.ORDER, key, content, ttl_ms=10_000).envelope
 
 
 def forged(envelope: bytes) -> bytes:

@@ -7,7 +7,6 @@ thread of its own, so that no other question delays it.
 
 from __future__ import annotations
 
-import queue
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -15,6 +14,7 @@ from typing import Final
 
 from google.protobuf.message import DecodeError
 
+from autopilot.adapters.mesh.lane import Lane
 from autopilot.adapters.mesh.link import Wire
 from autopilot.trust.clock import Clock
 from autopilot.trust.documents import is_canonical
@@ -26,7 +26,6 @@ from autopilot.wire.directory_pb2 import Documents
 from autopilot.wire.keys import bundle_key, trust_key
 
 TIMEOUT_S: Final = 2.0  # a journey over a radio link and back, and a commit there
-WAITING_MAX: Final = 16  # questions and documents; a Directory sends three when something changes
 DOCUMENTS_MAX: Final = 4  # in one answer: bundles in use and next, and room
 # Documents taken a second and at once: each costs a signature's verification, and a change is rare.
 TAKEN_PER_S, TAKEN_BURST = 5.0, 20
@@ -59,7 +58,7 @@ class TrustClient:
         self._bucket = TokenBucket(TAKEN_PER_S, TAKEN_BURST)
         self._lock = threading.Lock()
         self._counts: Counter[str] = Counter()
-        self._lanes = {name: _Lane(f"trust-{name}") for name in ("documents", "time")}
+        self._lanes = {name: Lane(f"trust-{name}") for name in ("documents", "time")}
 
     def start(self) -> None:
         """Begin to take what is published and to ask; returns at once."""
@@ -137,38 +136,3 @@ class TrustClient:
     def _count(self, what: What, word: str) -> None:
         with self._lock:
             self._counts[f"{what}: {word}"] += 1
-
-
-class _Lane:
-    """One thread that does one thing after the other, and has room for a few."""
-
-    def __init__(self, name: str) -> None:
-        self._waiting: queue.Queue[Callable[[], None] | None] = queue.Queue(WAITING_MAX)
-        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def put(self, act: Callable[[], None]) -> bool:
-        """Have it done later; False when too much waits."""
-        try:
-            self._waiting.put_nowait(act)
-        except queue.Full:
-            return False
-        return True
-
-    def stop(self, timeout_s: float) -> None:
-        """Forget what waits; return when what was begun is done, or after `timeout_s`."""
-        while True:
-            try:
-                self._waiting.get_nowait()
-            except queue.Empty:
-                break
-        self._waiting.put(None)
-        if self._thread.is_alive():
-            self._thread.join(timeout_s)
-
-    def _work(self) -> None:
-        while (act := self._waiting.get()) is not None:
-            act()

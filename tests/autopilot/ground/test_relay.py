@@ -17,6 +17,7 @@ from autopilot.trust.envelope import MessageType
 from autopilot.trust.identity import Identity
 from autopilot.wire.keys import ACKS, COSIGNATURES, ORDERS, STATUS, Channel, ack_key, cosign_key, proof_key, status_key
 from events.schema.waypoint_pb2 import EnvelopeHeader
+from tests.autopilot.ground.relay_desk import Asked
 from tests.autopilot.trust.world import COMMAND_ID, KEY, NOW_MS, FakeClock, FakeWire, Forge, people
 
 WITHIN_S = 10.0
@@ -133,10 +134,18 @@ def test_it_listens_to_what_it_relays_and_to_nothing_else() -> None:
     assert sorted(wires.outer.subscriptions) == [
         "waypoint/global/cmd/wasp-01/*",
         "waypoint/global/cosign/wasp-01",
+        "waypoint/global/trust/coast-watch/epoch/*",
+        "waypoint/global/trust/coast-watch/revocations",
+        "waypoint/global/trust/coast-watch/trust_root",
     ]
     assert sorted(wires.inner.subscriptions) == ["waypoint/global/ack/wasp-01/*", "waypoint/global/status/wasp-01"]
     assert list(wires.outer.answerers) == ["waypoint/global/proof/wasp-01"]
-    assert wires.inner.answerers == {}
+    assert sorted(wires.inner.answerers) == [
+        "waypoint/global/trust/coast-watch/epoch",
+        "waypoint/global/trust/coast-watch/revocations",
+        "waypoint/global/trust/coast-watch/time",
+        "waypoint/global/trust/coast-watch/trust_root",
+    ]
 
 
 def test_each_device_and_all_together_have_the_rates_that_are_configured() -> None:
@@ -229,6 +238,15 @@ def test_a_question_that_nobody_answers_is_not_answered() -> None:
 
     replied, counts = asked(Once(), [b"first", b"second"])
     assert (replied, counts["asked"], counts["answered"]) == ([b"answer"], 2, 1)
+
+
+def test_a_question_for_a_proof_that_nobody_answers_is_let_go_of() -> None:
+    """Else its asker waits for as long as it can."""
+    proofs, question = Proofs(FakeWire(), FakeClock()), Asked()
+    proofs.start()
+    proofs.receive(proof_key("wasp-01"), b"?", question.reply())
+    assert question.gone.wait(WITHIN_S)
+    proofs.stop()
 
 
 def test_questions_are_bounded_in_size_and_number() -> None:

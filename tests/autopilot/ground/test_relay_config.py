@@ -120,7 +120,7 @@ def test_show_prints_what_zenoh_is_told(capsys: pytest.CaptureFixture[str]) -> N
         assert settings["transport/unicast/max_sessions"] == 64
         assert settings["transport/unicast/accept_timeout"] == 3000  # Zenoh's own is 10 s
         assert settings["transport/unicast/accept_pending"] == 256
-    assert shown["outer"]["transport/link/rx/max_message_size"] == 65_536
+    assert shown["outer"]["transport/link/rx/max_message_size"] == 266_240
     assert shown["outer"]["transport/link/protocols"] == ["tls"]
     assert shown["inner"]["transport/link/protocols"] == ["tcp"]
 

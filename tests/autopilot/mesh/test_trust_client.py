@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from autopilot.adapters.mesh.trust_client import DOCUMENTS_MAX, TAKEN_BURST, WAITING_MAX, TrustClient
+from autopilot.adapters.mesh.lane import WAITING_MAX
+from autopilot.adapters.mesh.trust_client import DOCUMENTS_MAX, TAKEN_BURST, TrustClient
 from autopilot.adapters.mesh.trust_folder import TrustFolder
 from autopilot.trust.fetching import Fetch, Offered, What
 from autopilot.trust.limits import DOCUMENT_BYTES_MAX
