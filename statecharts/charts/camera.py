@@ -99,6 +99,8 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
     if change.chart != "command":
         return ()
     order = state.orders[change.instance]
+    if not order.camera:
+        return ()
     if change.to_state == "intended":
         return (*_fire(state, order.camera, _TRIGGER[order.verb]), *_taken(state, order))
     if change.to_state in _REFUSED and change.from_state != "received":
