@@ -41,6 +41,9 @@ class Spot(NamedTuple):
         return east * east + north * north <= distance_mm * distance_mm
 
 
+NOWHERE = Spot(0, 0, Place())
+
+
 @dataclass(frozen=True, slots=True)
 class Manifest:
     """What the flight was opened with, as far as decisions read it."""
@@ -205,6 +208,7 @@ class Scan(NamedTuple):
     state: str = "zoomed_out"
     poi_id: str = ""
     captures: tuple[int, ...] = ()  # capture times of the last frames, nanoseconds
+    spot: Spot = NOWHERE  # where the node pointed it last
 
 
 class Selftest(NamedTuple):

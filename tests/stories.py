@@ -34,6 +34,7 @@ from events.schema.orders_pb2 import (
     ACK_STAGE_RECEIVED,
     ACK_STAGE_SENT,
     AckResult,
+    FollowPoiOrder,
     OrderReceived,
     SendAck,
 )
@@ -143,6 +144,9 @@ class Story:
                 return flights.release(name, camera=camera, **values)
             case "confirm" | "decline":
                 return flights.judge(name, self._poi_id(about[0]), confirmed=verb == "confirm", **values)
+            case "follow":
+                following = FollowPoiOrder(poi_id=self._poi_id(about[0]), camera=camera)
+                return flights.received(name, follow_poi=following, **values)
         return flights.received(name, **values)
 
     def _again(self, plain: list[str], named: dict[str, str]) -> OrderReceived:

@@ -25,11 +25,11 @@ PARTS: tuple[Part, ...] = (
     health.PART,
     command_part.PART,
     selftest.PART,
-    mission_part.PART,
     camera.PART,
     mapping.PART,
     poi_part.PART,
     scan_part.PART,
+    mission_part.PART,
     aim.PART,
 )
 CHARTS: tuple[Chart[Any], ...] = tuple(part.chart for part in PARTS)

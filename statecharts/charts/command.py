@@ -32,7 +32,7 @@ from statecharts.table import Chart, Row, ignore, move, refuse
 FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
 UNDERWAY = ("intended", "sent", "in_progress")
 # What points, releases or judges harms nobody much. Anything else, also what this node does not know, moves more.
-CAMERA_VERBS = ("point", "release", "judge")
+CAMERA_VERBS = ("point", "release", "judge", "follow")
 FLIGHT_VERBS = ("fly", "mode", "mission", "acknowledge")
 MISSION_VERBS = ("mission", "acknowledge")
 # A person's word: it is recorded, other charts hear it, and nothing leaves for the vehicle by this chart.
@@ -184,7 +184,7 @@ def on_the_ground(facts: Facts) -> bool:
 
 def no_such_camera(facts: Facts) -> bool:
     """The order names a camera that is not on board, or one that nothing turns."""
-    if facts.order.verb not in ("point", "release"):
+    if facts.order.verb not in ("point", "release", "follow"):
         return False
     return not facts.state.flight.gimbal_of.get(facts.order.camera)
 
@@ -220,6 +220,17 @@ def poi_over(facts: Facts) -> bool:
     """The point of interest no longer waits for a decision."""
     poi = facts.state.pois.get(facts.order.poi_id)
     return facts.order.verb == "judge" and poi is not None and poi.state != "surfaced"
+
+
+def not_confirmed(facts: Facts) -> bool:
+    """Something is to be followed that no person has confirmed."""
+    poi = facts.state.pois.get(facts.order.poi_id)
+    return facts.order.verb == "follow" and (poi is None or poi.state != "confirmed")
+
+
+def to_follow(facts: Facts) -> bool:
+    """A finding is to be kept in view: the chart of the scan does it."""
+    return facts.order.verb == "follow"
 
 
 def judgement(facts: Facts) -> bool:
@@ -282,14 +293,16 @@ _GATES: tuple[tuple[str, str, Callable[[Facts], bool] | None], ...] = (
     ("unsupported", "this node flies no missions", mission_off),
     ("unsupported", "no such mode", unknown_mode),
     ("rejected", "no such camera, or nothing turns it", no_such_camera),
-    ("rejected", "0, 0, 0 is no place to look at or to fly to", null_place),
+    ("rejected", "0, 0, 0 is no place to look at", null_place),
     ("rejected", "this node has no position yet", nowhere),
     ("rejected", "unknown_poi_id", unknown_poi),
     ("rejected", "expired: the question is closed", poi_over),
     ("rejected", "the mission is not at that", not_at_that),
     ("rejected", "no self-test with this report waits for a word", no_such_report),
+    ("rejected", "only what a person has confirmed is followed", not_confirmed),
     ("accepted", "recorded", judgement),
     ("rejected", "no vehicle is heard", vehicle_silent),
+    ("accepted", "the camera follows it", to_follow),
     ("rejected", "the vehicle is not armed", on_the_ground),
     ("intended", "all gates passed", None),
 )

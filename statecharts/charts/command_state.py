@@ -88,6 +88,8 @@ def _asked(received: OrderReceived) -> tuple[str, str, str, bool]:
             return "release", fitting_key(1, received.release_camera.camera), "", False
         case "judge_poi":
             return "judge", "", received.judge_poi.poi_id, received.judge_poi.confirmed
+        case "follow_poi":
+            return "follow", fitting_key(1, received.follow_poi.camera), received.follow_poi.poi_id, False
         case "fly_to_place":
             return "fly", "", "", False
         case "set_flight_mode":

@@ -12,7 +12,7 @@ from statecharts.charts.mission import CHART, MAY_BEGIN, MAY_PAUSE, MAY_RESUME, 
 from statecharts.charts.opening import load_carried
 from statecharts.state import State
 from tests import flying
-from tests.checks import check_chart, check_equal, check_exactly_one_row
+from tests.checks import check_chart, check_equal, check_exactly_one_row, seen
 from tests.stories import Story
 
 GROUND = """
@@ -316,6 +316,85 @@ def test_progress_where_the_vehicle_does_not_name_every_item() -> None:
     for words, expected in (("at 1", 1), ("at 1 reached=1", 2), ("at 3 reached=1", 3), ("at 0", 0), ("at", 0)):
         tale.tell(words)
         check_equal(tale.flight.state.missions[1].next_item, expected)
+
+
+def followed() -> Story:
+    """Return a story in the air, with a finding that a person has confirmed."""
+    tale = Story(*flying.opening(sightings_to_ask=1, frame_rate_floor_mhz=0))
+    tale = check_chart("mission", AIR, tale)
+    for words in ("frame person@5,5", "time", "order c confirm p1 by=bravo", "at 2 reached=1"):
+        tale.tell(words)
+    return tale
+
+
+def test_what_is_followed_gets_a_waypoint() -> None:
+    """The office is asked, the changed plan is uploaded in the air, the vehicle waits there, and goes on behind it."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe                    | state       | say                   | why
+        10   | order f follow p1 by=bravo | 1 flying | post before 2 at 30 m | asks for a waypoint at what is followed
+        11   | posted                     | -           | -                     | -
+        12   | planned rev=b items=takeoff,go,go,go,home | 1 uploading | upload 5 | the plan has changed
+        13   | mode mission               | -           | -                     | -
+        14   | uploaded                   | 1 engaging  | item 2; go mission    | the vehicle has the plan, in the air
+        15   | mode mission               | 1 flying    | -                     | goes on with the mission
+        20   | time                       | -           | -                     | -
+        20   | at 2                       | -           | -                     | -
+        21   | at 3 reached=2             | 1 following | go loiter             | waits at what is followed
+        22   | mode loiter                | -           | -                     | -
+        30   | order t turn by=bravo      | 1 engaging  | item 3; go mission    | goes on where it left the mission
+        31   | mode mission               | 1 flying    | -                     | goes on with the mission
+        """,
+        followed(),
+    )
+
+
+def test_following_without_a_waypoint() -> None:
+    """The office refuses, or nobody wants one: the camera follows and the vehicle goes its way."""
+    tale = check_chart(
+        "mission",
+        """
+        at_s | observe                    | state    | say                   | why
+        10   | order f follow p1 by=bravo | 1 flying | post before 2 at 30 m | asks for a waypoint at what is followed
+        11   | posted no such mission     | -        | -                     | -
+        12   | at 3 reached=2             | 1 returning | -                  | the mission is on its way home
+        13   | order t turn by=bravo      | -        | -                     | -
+        """,
+        followed(),
+    )
+    check_equal(tale.flight.state.missions[1].middle_item, -1)
+    tale = followed()
+    tale.flight.state.flight.limits.follow_by_waypoint = False
+    check_chart(
+        "mission",
+        """
+        at_s | observe                    | state | say | why
+        10   | order f follow p1 by=bravo | -     | -   | -
+        """,
+        tale,
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "state", "say"),
+    [
+        ("order p pause", "1 paused", "go loiter"),
+        ("order x abort", "1 aborting", "go return"),
+        ("mode return", "1 returning", "-"),
+        ("disarmed", "1 landed", "-"),
+        ("mode loiter", "-", "-"),
+    ],
+)
+def test_while_it_waits_at_what_is_followed(words: str, state: str, say: str) -> None:
+    """Whatever comes there ends it as in the mission itself."""
+    tale = followed()
+    for told in ("order f follow p1 by=bravo", "planned rev=b items=takeoff,go,go,go,home", "uploaded"):
+        tale.tell(told)
+    for told in ("mode mission", "at 3 reached=2", "mode mission"):
+        tale.tell(told)
+    found = seen(tale, "mission", tale.tell(words))
+    check_equal((found["state"], found["say"]), (state, say))
 
 
 def test_exactly_one_row() -> None:
