@@ -27,6 +27,7 @@ MAY_WRITE: dict[str, tuple[str, ...]] = {
         "origin",
         "lists",
         "trusted",
+        "missions",
     ),
     "node_started": ("vehicles",),
     "origin_set": ("origin",),
@@ -55,15 +56,28 @@ MAY_WRITE: dict[str, tuple[str, ...]] = {
     "root_taken": ("trusted",),
     "epoch_taken": ("trusted",),
     "time_learned": ("trusted",),
+    "mission_planned": ("plans",),
+    "mission_progress_reported": ("missions",),
+    "waypoint_posted": ("missions",),
+    "fetch_mission": ("missions",),
+    "post_waypoint": ("missions",),
+    "upload_mission": ("missions",),
+    "arm_vehicle": ("missions",),
+    "start_mission": ("missions",),
+    "set_vehicle_mode": ("missions", "effects"),
+    "fly_to_place": ("effects",),
+    "run_selftest": ("selftests",),
 }
 # A move writes what its chart keeps.
 MOVE_WRITES: dict[str, tuple[str, ...]] = {
     "health": ("health", "failures"),
-    "command": ("orders", "order_seqs", "deadlines/command"),
+    "command": ("orders", "order_seqs", "deadlines/command", "missions"),
     "camera": ("cameras", "deadlines/camera"),
     "map": (),
     "poi": ("pois", "open_pois", "surfacings", "deadlines/poi"),
-    "scan": ("scans", "deadlines/scan"),
+    "scan": ("scans", "deadlines/scan", "missions"),
+    "selftest": ("selftests", "deadlines/selftest"),
+    "mission": ("missions", "deadlines/mission"),
     "aim": ("aims", "deadlines/aim"),
 }
 

@@ -56,6 +56,8 @@ def carry_over(state: State, now_ns: int) -> CarriedState:
         unanswered=[_owed(order) for key, order in state.orders.items() if _is_owed(state, key, order)],
     )
     _carry_trust(state, carried)
+    for mission in state.missions.values():
+        carried.flown_revision = mission.flown_revision
     if state.origin.value is not None:
         carried.origin.CopyFrom(state.origin.value.place)
     return carried

@@ -22,6 +22,7 @@ from google.protobuf.message import DecodeError, Message
 from events.kinds import FAMILIES, UnknownKind
 from events.records import BodyBroken, Moment, Record, Stored, read_record
 from events.schema import state_pb2
+from events.schema.mission_pb2 import MissionPlanned
 from statecharts.charts import CHARTS
 from statecharts.facts import (
     Aim,
@@ -31,9 +32,11 @@ from statecharts.facts import (
     Ignored,
     Manifest,
     MapObject,
+    Mission,
     Order,
     Poi,
     Scan,
+    Selftest,
     Spot,
     Trusted,
     Vehicle,
@@ -89,6 +92,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("ignored", str, Ignored),
     Column("lists", bytes, tuple[int, bytes]),
     _single("manifest", Manifest | None),
+    Column("missions", int, Mission),
     _single("next_seq", int),
     Column("nonces", tuple[bytes, bytes], int),
     Column("objects", int, MapObject),
@@ -97,8 +101,10 @@ COLUMNS: tuple[Column, ...] = (
     Column("orders", str, Order),
     _single("origin", Spot | None),
     Column("owed_acks", int, str),
+    Column("plans", int, MissionPlanned),
     Column("pois", str, Poi),
     Column("scans", str, Scan),
+    Column("selftests", int, Selftest),
     _single("surfacings", tuple[int, ...]),
     _single("trusted", Trusted),
     Column("vehicles", int, Vehicle),

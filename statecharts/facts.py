@@ -41,6 +41,9 @@ class Spot(NamedTuple):
         return east * east + north * north <= distance_mm * distance_mm
 
 
+NOWHERE = Spot(0, 0, Place())
+
+
 @dataclass(frozen=True, slots=True)
 class Manifest:
     """What the flight was opened with, as far as decisions read it."""
@@ -91,6 +94,7 @@ class Order(NamedTuple):
     keep_until_ns: int
     detail: str = ""
     mav_result: int | None = None
+    asked: str = ""  # what is asked of the mission: "begin", "pause", "resume" or "abort"
     repeats_answered_ns: tuple[int, ...] = ()  # when repeats were last answered
 
 
@@ -152,6 +156,8 @@ class Vehicle(NamedTuple):
     link: bool = False
     armed: bool = False
     custom_mode: int = 0
+    flight_mode: int = 0  # FlightMode; 0 where custom_mode is none of these
+    landed_state: int | None = None  # MAV_LANDED_STATE; None where it is not told
 
 
 class MapObject(NamedTuple):
@@ -202,3 +208,24 @@ class Scan(NamedTuple):
     state: str = "zoomed_out"
     poi_id: str = ""
     captures: tuple[int, ...] = ()  # capture times of the last frames, nanoseconds
+    spot: Spot = NOWHERE  # where the node pointed it last
+
+
+class Selftest(NamedTuple):
+    """The self-test of a vehicle and how far it got."""
+
+    state: str = "idle"
+    effect_seq: int = -1  # of the newest run; what its report and an acknowledgement name
+
+
+class Mission(NamedTuple):
+    """How far a vehicle's mission got. Its plan is kept beside it."""
+
+    state: str = "idle"
+    tries: int = 0  # how often the present step was begun again
+    effect_seq: int = -1  # the newest effect, whose outcome the present step waits for
+    begun: bool = False  # somebody ordered it to begin
+    flown: bool = False  # it was under way in the air
+    next_item: int = 0  # index in the plan of the first item that is not behind the vehicle
+    middle_item: int = -1  # index in the plan of the waypoint that was asked for in the middle; -1: none
+    flown_revision: str = ""  # what was flown to its end: it does not begin a second time by itself

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from events.records import Record
+from events.schema.mission_pb2 import MissionPlanned
 from statecharts.facts import (
     Aim,
     Arrival,
@@ -11,9 +12,11 @@ from statecharts.facts import (
     Ignored,
     Manifest,
     MapObject,
+    Mission,
     Order,
     Poi,
     Scan,
+    Selftest,
     Spot,
     Trusted,
     Vehicle,
@@ -39,6 +42,7 @@ class State:
         "journal",
         "lists",
         "manifest",
+        "missions",
         "next_seq",
         "nonces",
         "objects",
@@ -47,8 +51,10 @@ class State:
         "orders",
         "origin",
         "owed_acks",
+        "plans",
         "pois",
         "scans",
+        "selftests",
         "surfacings",
         "trusted",
         "vehicles",
@@ -73,6 +79,9 @@ class State:
         self.cameras: Keyed[str, Camera] = Keyed(journal)  # camera key
         self.aims: Keyed[str, Aim] = Keyed(journal)  # gimbal key
         self.vehicles: Keyed[int, Vehicle] = Keyed(journal)  # vehicle number
+        self.plans: Keyed[int, MissionPlanned] = Keyed(journal)  # vehicle number; as recorded, never changed
+        self.missions: Keyed[int, Mission] = Keyed(journal)  # vehicle number
+        self.selftests: Keyed[int, Selftest] = Keyed(journal)  # vehicle number
         self.objects: Keyed[int, MapObject] = Keyed(journal)  # object number, from 1
         self.grid: Keyed[tuple[str, int, int], tuple[int, ...]] = Keyed(journal)  # class group, cell east, cell north
         self.pois: Keyed[str, Poi] = Keyed(journal)  # UUID string

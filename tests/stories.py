@@ -34,12 +34,13 @@ from events.schema.orders_pb2 import (
     ACK_STAGE_RECEIVED,
     ACK_STAGE_SENT,
     AckResult,
+    FollowPoiOrder,
     OrderReceived,
     SendAck,
 )
 from events.schema.trust_pb2 import EpochTaken, RevocationsTaken, RootTaken, TimeLearned
 from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing, VehicleLinkChanged
-from tests import flights
+from tests import flights, flying
 from tests.flights import FLIGHT_ID, NS_PER_MS, Flight
 
 MS_PER_S = 1000
@@ -88,6 +89,8 @@ class Story:
             "close": lambda *_: flights.closed(),
             "time": lambda *_: TimePassed(),
         }
+        if verb in flying.READERS:
+            return self.flight.tell(flying.READERS[verb](self.flight.records, plain, named))
         records = self.flight.tell(readers[verb](plain, named))
         opened = (record.seq for record in records if record.kind.name == "poi_opened")
         self.pois.extend(uuid_of(FLIGHT_ID, seq) for seq in opened)
@@ -127,6 +130,8 @@ class Story:
         self, name: str, verb: str, about: list[str], named: dict[str, str], values: dict[str, Any]
     ) -> OrderReceived:
         camera = int(named.get("camera", 1))
+        if verb in flying.ORDERS:
+            return flying.asked(name, verb, about, named, values)
         match verb:
             case "point":
                 order = flights.point_at_place(name, camera=camera, **values)
@@ -139,6 +144,9 @@ class Story:
                 return flights.release(name, camera=camera, **values)
             case "confirm" | "decline":
                 return flights.judge(name, self._poi_id(about[0]), confirmed=verb == "confirm", **values)
+            case "follow":
+                following = FollowPoiOrder(poi_id=self._poi_id(about[0]), camera=camera)
+                return flights.received(name, follow_poi=following, **values)
         return flights.received(name, **values)
 
     def _again(self, plain: list[str], named: dict[str, str]) -> OrderReceived:
@@ -257,7 +265,7 @@ def words_of(story: Story, record: Record) -> str:
             return ", ".join(words[one.diff == NEW].format(one) for one in sightings)
         case StepFailed(chart=chart, error=error):
             return f"failed {chart} {error}"
-    return record.kind.name
+    return flying.words_of(record.message) or record.kind.name
 
 
 def is_observation(record: Record) -> bool:

@@ -18,6 +18,8 @@ from pathlib import Path
 
 from google.protobuf.json_format import MessageToDict
 
+from autopilot.cli.order_flight import EXAMPLES as FLIGHT_EXAMPLES
+from autopilot.cli.order_flight import add_flight_verbs
 from autopilot.ground import compose
 from autopilot.ground.following import Pointing
 from autopilot.ground.issued import FILE, AuditRow, IssuedStore, NotRecorded
@@ -28,7 +30,7 @@ from autopilot.trust.identity import IdentityError, load_identity
 from autopilot.trust.limits import KEY_BYTES, ORDER_TTL_MS, TTL_MS_MAX
 from events.schema.waypoint_pb2 import DeviceCommand, NodeStatus
 
-_EXAMPLES = """\
+_EXAMPLES = f"""\
 examples:
   autopilot order roi 52.1000 4.3000 12 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order look -30 90 --north --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
@@ -37,7 +39,7 @@ examples:
   autopilot order watch --seconds 10 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order may --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order history --identity keys/alice
-
+{FLIGHT_EXAMPLES}
 exit codes: 0 accepted (with --until arrived: and arrived), 1 rejected or not carried out, 69 no answer, 74 it could not
 be recorded and did not leave, 77 not permitted, 78 identity unusable
 """
@@ -51,7 +53,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command to `commands`."""
     parser = commands.add_parser(
         "order",
-        help="an operator's orders: roi, look, release, confirm, decline, watch, may, history",
+        help="an operator's orders: roi, look, release, confirm, decline, follow, fly, mode, mission, watch, and more",
         description="Give a node an order and wait for its answer, watch its status, or look at what was ordered.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -78,6 +80,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     for word, confirmed in (("confirm", True), ("decline", False)):
         judge = _verb(verbs, word, f"{word} a finding", _judgement(confirmed=confirmed))
         judge.add_argument("poi", metavar="POI", help="id of the finding, as the status shows it")
+    add_flight_verbs(lambda name, words, command: _verb(verbs, name, words, command), _number)
     watch = _verb(verbs, "watch", "show the node's status as it changes", None)
     watch.add_argument("--seconds", type=float, default=float("inf"), metavar="N", help="stop after N seconds")
     may = _verb(verbs, "may", "say what this operator may do on the node, and why not", None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, Protocol
@@ -53,6 +53,22 @@ class Pose:
     camera_yaw_deg: float  # from true north, clockwise, -180..360
     camera_pitch_deg: float  # up positive: -90 looks straight down
     camera_roll_deg: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VehicleFacts:
+    """What is known of the vehicle at a moment, for the self-test. None where it was not told."""
+
+    linked: bool  # its heartbeat is heard
+    commandable: bool  # it is known how its autopilot numbers its modes
+    armed: bool
+    fix_type: int | None  # GPS_FIX_TYPE: 3 and above has a height
+    satellites: int | None
+    hdop_e2: int | None  # horizontal dilution of precision, in 0.01
+    charge_percent: int | None
+    voltage_mv: int | None
+    has_home: bool
+    heard_ms_ago: Mapping[str, int]  # by what was heard: "heartbeat", "fix", "battery", "home", ...
 
 
 class PoseSource(Protocol):

@@ -284,6 +284,7 @@ class CarriedState(_message.Message):
     TIME_FLOOR_MS_FIELD_NUMBER: _builtins.int
     LIST_BEHIND_FIELD_NUMBER: _builtins.int
     ROOT_BEHIND_FIELD_NUMBER: _builtins.int
+    FLOWN_REVISION_FIELD_NUMBER: _builtins.int
     epoch_id: _builtins.int
     """Highest epoch that was taken."""
     root_version: _builtins.int
@@ -294,6 +295,8 @@ class CarriedState(_message.Message):
     """The list that is held is not the newest that was taken."""
     root_behind: _builtins.bool
     """The TrustRoot that is held is not the newest that was taken."""
+    flown_revision: _builtins.str
+    """Revision of the mission that was flown to its end; absent where none was."""
     @_builtins.property
     def orders(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedOrder]:
         """Orders and their results."""
@@ -342,10 +345,11 @@ class CarriedState(_message.Message):
         time_floor_ms: _builtins.int | None = ...,
         list_behind: _builtins.bool | None = ...,
         root_behind: _builtins.bool | None = ...,
+        flown_revision: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

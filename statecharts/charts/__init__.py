@@ -4,17 +4,32 @@ from __future__ import annotations
 
 from typing import Any
 
-from statecharts.charts import aim, camera, command_part, health, mapping, opening, poi_part, scan_part, trust, vehicle
+from statecharts.charts import (
+    aim,
+    camera,
+    command_part,
+    health,
+    mapping,
+    mission_part,
+    opening,
+    poi_part,
+    scan_part,
+    selftest,
+    trust,
+    vehicle,
+)
 from statecharts.part import Evolve, Part
 from statecharts.table import Chart
 
 PARTS: tuple[Part, ...] = (
     health.PART,
     command_part.PART,
+    selftest.PART,
     camera.PART,
     mapping.PART,
     poi_part.PART,
     scan_part.PART,
+    mission_part.PART,
     aim.PART,
 )
 CHARTS: tuple[Chart[Any], ...] = tuple(part.chart for part in PARTS)

@@ -3,8 +3,9 @@
 Theory of operation. A camera is automatic (the node may move it), held by an operator, or released (nobody moves it).
 An order that passed its gates takes the camera, also from another operator: the last write wins, and `camera_taken`
 says whose it was (seed 000, Issuer UX). A hold ends by itself `operator_hold_ms` after the holder's last order; a
-released camera goes back to automatic after `release_pause_ms`, so that a hand-over is not disturbed. After an outage
-of which nobody knows how long it was, both count as over. It must never have two masters, and never move the camera
+released camera goes back to automatic after `release_pause_ms`, so that a hand-over is not disturbed. An order to
+follow a finding gives the camera to the node, whoever had it: the next order takes it back. After an outage of which
+nobody knows how long it was, hold and pause count as over. It must never have two masters, and never move the camera
 itself.
 
 A hold rests on an order that the vehicle took. Where the vehicle refuses the order that took the camera, or it could
@@ -59,7 +60,7 @@ CHART: Chart[_Facts] = Chart(
     initial="automatic",
     states=("automatic", "operator", "released"),
     terminal=(),
-    triggers=("pointed", "let_go", "refused", "time_passed", "time_lost"),
+    triggers=("pointed", "let_go", "followed", "refused", "time_passed", "time_lost"),
     rows=(
         move("automatic", "pointed", "operator", "an operator points it"),
         move("operator", "pointed", "operator", "an operator points it: last write wins"),
@@ -67,6 +68,9 @@ CHART: Chart[_Facts] = Chart(
         move("automatic", "let_go", "released", "an operator lets it go"),
         move("operator", "let_go", "released", "an operator lets it go"),
         move("released", "let_go", "released", "an operator lets it go again"),
+        ignore("automatic", "followed", "nobody holds it: the node follows with it"),
+        move("operator", "followed", "automatic", "an operator lets the node follow with it: last write wins"),
+        move("released", "followed", "automatic", "an operator lets the node follow with it"),
         ignore("automatic", "refused", "nobody holds it"),
         ignore("operator", "refused", "another order holds it by now", overtaken, band=1),
         move("operator", "refused", "operator", "the vehicle refused: back to who had it", was_held, band=2),
@@ -99,6 +103,10 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
     if change.chart != "command":
         return ()
     order = state.orders[change.instance]
+    if not order.camera:
+        return ()
+    if change.to_state == "accepted" and order.verb == "follow":
+        return _fire(state, order.camera, "followed")
     if change.to_state == "intended":
         return (*_fire(state, order.camera, _TRIGGER[order.verb]), *_taken(state, order))
     if change.to_state in _REFUSED and change.from_state != "received":

@@ -19,9 +19,12 @@ Numbers of an order count for its sender's device: an older order that arrives a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from events.schema.common_pb2 import Place
 from events.schema.orders_pb2 import OrderReceived
+from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
 from statecharts.facts import Arrival, Order
 from statecharts.state import State
 from statecharts.table import Chart, Row, ignore, move, refuse
@@ -29,7 +32,19 @@ from statecharts.table import Chart, Row, ignore, move, refuse
 FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
 UNDERWAY = ("intended", "sent", "in_progress")
 # What points, releases or judges harms nobody much. Anything else, also what this node does not know, moves more.
-CAMERA_VERBS = ("point", "release", "judge")
+CAMERA_VERBS = ("point", "release", "judge", "follow")
+FLIGHT_VERBS = ("fly", "mode", "mission", "acknowledge")
+MISSION_VERBS = ("mission", "acknowledge")
+# A person's word: it is recorded, other charts hear it, and nothing leaves for the vehicle by this chart.
+RECORDED_VERBS = ("judge", "mission", "acknowledge")
+
+# In which states of the mission what may be asked of it.
+MAY_ASK: dict[str, tuple[str, ...]] = {
+    "begin": MAY_BEGIN,
+    "pause": MAY_PAUSE,
+    "resume": MAY_RESUME,
+    "abort": tuple(state for state in STATES if state not in OVER),
+}
 
 # A repeat of an order is answered so often within so long; what comes beyond that hears nothing.
 REPEATS_ANSWERED = 2
@@ -73,7 +88,11 @@ def role_missing(facts: Facts) -> bool:
     about either.
     """
     asked, flight = facts.received, facts.state.flight
-    allowed = flight.camera_roles if facts.order.verb in CAMERA_VERBS else (*flight.camera_roles, *flight.flight_roles)
+    allowed = (*flight.camera_roles, *flight.flight_roles)
+    if facts.order.verb in CAMERA_VERBS:
+        allowed = flight.camera_roles
+    elif facts.order.verb in FLIGHT_VERBS:
+        allowed = flight.flight_roles
     return asked is None or not any(role in allowed for role in asked.issuer.roles)
 
 
@@ -124,25 +143,71 @@ def unknown_verb(facts: Facts) -> bool:
     return not facts.order.verb
 
 
+def flight_off(facts: Facts) -> bool:
+    """Orders of the flight are switched off on this node."""
+    return facts.order.verb in ("fly", "mode") and not facts.state.flight.limits.flight_enabled
+
+
+def mission_off(facts: Facts) -> bool:
+    """No missions are flown by this node."""
+    return facts.order.verb in MISSION_VERBS and not facts.state.flight.limits.mission_enabled
+
+
+def unknown_mode(facts: Facts) -> bool:
+    """The order names a mode, or something to do with the mission, that this node does not know."""
+    if facts.order.verb == "mission":
+        return not facts.order.asked
+    return facts.order.verb == "mode" and facts.received is not None and not facts.received.set_flight_mode.mode
+
+
+def not_at_that(facts: Facts) -> bool:
+    """The mission is not where this can be asked of it."""
+    now = facts.state.missions.get(1)
+    state = "idle" if now is None else now.state
+    return facts.order.verb == "mission" and state not in MAY_ASK.get(facts.order.asked, ())
+
+
+def no_such_report(facts: Facts) -> bool:
+    """No self-test waits for a person's word, or the order names another report."""
+    now = facts.state.selftests.get(1)
+    if facts.order.verb != "acknowledge" or facts.received is None:
+        return False
+    waits = now is not None and now.state == "awaiting"
+    return not waits or now is None or now.effect_seq != facts.received.acknowledge_selftest.report_id
+
+
+def on_the_ground(facts: Facts) -> bool:
+    """The vehicle is not armed: an autopilot would take such an order all the same, and keep it for later."""
+    vehicle = facts.state.vehicles.get(1)
+    return facts.order.verb in ("fly", "mode") and (vehicle is None or not vehicle.armed)
+
+
 def no_such_camera(facts: Facts) -> bool:
     """The order names a camera that is not on board, or one that nothing turns."""
-    if facts.order.verb not in ("point", "release"):
+    if facts.order.verb not in ("point", "release", "follow"):
         return False
     return not facts.state.flight.gimbal_of.get(facts.order.camera)
 
 
 def null_place(facts: Facts) -> bool:
     """The place is 0, 0, 0: an autopilot would take it for "cancel"."""
-    if facts.received is None or facts.received.WhichOneof("order") != "point_at_place":
-        return False
-    place = facts.received.point_at_place.place
-    return not (place.latitude_e7 or place.longitude_e7 or place.altitude_mm)
+    place = _place(facts)
+    return place is not None and not (place.latitude_e7 or place.longitude_e7 or place.altitude_mm)
 
 
 def nowhere(facts: Facts) -> bool:
     """A place is asked before the local frame has an origin."""
-    asks_place = facts.received is not None and facts.received.WhichOneof("order") == "point_at_place"
-    return asks_place and facts.state.origin.value is None
+    return _place(facts) is not None and facts.state.origin.value is None
+
+
+def _place(facts: Facts) -> Place | None:
+    """Return the place that an order names; None where it names none."""
+    asked = facts.received
+    if asked is None:
+        return None
+    if asked.HasField("fly_to_place"):
+        return asked.fly_to_place.place
+    return asked.point_at_place.place if asked.HasField("point_at_place") else None
 
 
 def unknown_poi(facts: Facts) -> bool:
@@ -157,9 +222,20 @@ def poi_over(facts: Facts) -> bool:
     return facts.order.verb == "judge" and poi is not None and poi.state != "surfaced"
 
 
+def not_confirmed(facts: Facts) -> bool:
+    """Something is to be followed that no person has confirmed."""
+    poi = facts.state.pois.get(facts.order.poi_id)
+    return facts.order.verb == "follow" and (poi is None or poi.state != "confirmed")
+
+
+def to_follow(facts: Facts) -> bool:
+    """A finding is to be kept in view: the chart of the scan does it."""
+    return facts.order.verb == "follow"
+
+
 def judgement(facts: Facts) -> bool:
-    """The order is a person's word on a finding: nothing leaves for the vehicle."""
-    return facts.order.verb == "judge"
+    """The order is a person's word, on a finding or on the mission: nothing leaves for the vehicle by it."""
+    return facts.order.verb in RECORDED_VERBS
 
 
 def vehicle_silent(facts: Facts) -> bool:
@@ -199,27 +275,40 @@ def never_left(facts: Facts) -> bool:
     return facts.because in ("no vehicle", "not encodable", "superseded")
 
 
-_JUDGE: tuple[Row[Facts], ...] = (
-    move("received", "order_received", "unauthorised", "not for this node", other_node, band=1),
-    move("received", "order_received", "unsupported", "orders are switched off on this node", reception_off, band=2),
-    move("received", "order_received", "unauthorised", "role not permitted", role_missing, band=3),
-    move("received", "order_received", "unauthorised", "revocation list lost: it must be fetched", list_lost, band=4),
-    move("received", "order_received", "unauthorised", "revocation stale", list_overdue, band=5),
-    move("received", "order_received", "unauthorised", "this node's time is uncertain", time_uncertain, band=6),
-    move("received", "order_received", "timeout", "unknown after restart", before_memory, band=7),
-    move("received", "order_received", "rejected", "replayed", replayed, band=8),
-    move("received", "order_received", "rejected", "stale: a newer order came first", older, band=9),
-    move("received", "order_received", "rejected", "the node is in safe mode", safe_mode, band=10),
-    move("received", "order_received", "rejected", "expired", too_late, band=11),
-    move("received", "order_received", "unsupported", "unknown kind of order", unknown_verb, band=12),
-    move("received", "order_received", "rejected", "no such camera, or nothing turns it", no_such_camera, band=13),
-    move("received", "order_received", "rejected", "0, 0, 0 is no place to look at", null_place, band=14),
-    move("received", "order_received", "rejected", "this node has no position yet", nowhere, band=15),
-    move("received", "order_received", "rejected", "unknown_poi_id", unknown_poi, band=16),
-    move("received", "order_received", "rejected", "expired: the question is closed", poi_over, band=17),
-    move("received", "order_received", "accepted", "recorded", judgement, band=18),
-    move("received", "order_received", "rejected", "no vehicle is heard", vehicle_silent, band=19),
-    move("received", "order_received", "intended", "all gates passed", band=20),
+# What becomes of an order that arrives, in the order in which the gates are asked.
+_GATES: tuple[tuple[str, str, Callable[[Facts], bool] | None], ...] = (
+    ("unauthorised", "not for this node", other_node),
+    ("unsupported", "orders are switched off on this node", reception_off),
+    ("unauthorised", "role not permitted", role_missing),
+    ("unauthorised", "revocation list lost: it must be fetched", list_lost),
+    ("unauthorised", "revocation stale", list_overdue),
+    ("unauthorised", "this node's time is uncertain", time_uncertain),
+    ("timeout", "unknown after restart", before_memory),
+    ("rejected", "replayed", replayed),
+    ("rejected", "stale: a newer order came first", older),
+    ("rejected", "the node is in safe mode", safe_mode),
+    ("rejected", "expired", too_late),
+    ("unsupported", "unknown kind of order", unknown_verb),
+    ("unsupported", "orders of the flight are switched off on this node", flight_off),
+    ("unsupported", "this node flies no missions", mission_off),
+    ("unsupported", "no such mode", unknown_mode),
+    ("rejected", "no such camera, or nothing turns it", no_such_camera),
+    ("rejected", "0, 0, 0 is no place to look at", null_place),
+    ("rejected", "this node has no position yet", nowhere),
+    ("rejected", "unknown_poi_id", unknown_poi),
+    ("rejected", "expired: the question is closed", poi_over),
+    ("rejected", "the mission is not at that", not_at_that),
+    ("rejected", "no self-test with this report waits for a word", no_such_report),
+    ("rejected", "only what a person has confirmed is followed", not_confirmed),
+    ("accepted", "recorded", judgement),
+    ("rejected", "no vehicle is heard", vehicle_silent),
+    ("accepted", "the camera follows it", to_follow),
+    ("rejected", "the vehicle is not armed", on_the_ground),
+    ("intended", "all gates passed", None),
+)
+_JUDGE: tuple[Row[Facts], ...] = tuple(
+    move("received", "order_received", target, because, guard, band)
+    for band, (target, because, guard) in enumerate(_GATES, start=1)
 )
 
 

@@ -8,6 +8,7 @@ from events.records import Record
 from events.schema import orders_pb2
 from events.schema.flight_pb2 import StepFailed
 from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
+from events.schema.safety_pb2 import FlyToPlace, SetVehicleMode
 from events.schema.vehicle_pb2 import (
     CommandAnswered,
     CommandSent,
@@ -23,6 +24,7 @@ from statecharts.part import Part
 from statecharts.state import State
 from statecharts.table import Answer, moved
 
+VEHICLE = 1
 RESULTS: dict[str, orders_pb2.AckResult.ValueType] = {
     "accepted": orders_pb2.ACK_ACCEPTED,
     "rejected": orders_pb2.ACK_REJECTED,
@@ -134,6 +136,22 @@ def _undecided(record: Record) -> tuple[Message, ...]:
 
 
 def _effect(state: State, received: OrderReceived, order: Order) -> Message:
+    key = order_key(order.principal_id, order.command_id)
+    match received.WhichOneof("order"):
+        case "fly_to_place":
+            to = received.fly_to_place.place
+            return FlyToPlace(vehicle=VEHICLE, place=to, life_ms=received.life_ms, order=key)
+        case "set_flight_mode":
+            mode = received.set_flight_mode.mode
+            return SetVehicleMode(vehicle=VEHICLE, mode=mode, life_ms=received.life_ms, order=key)
+    effect = _pointing(received)
+    camera = state.cameras[order.camera]
+    effect.vehicle, effect.camera, effect.gimbal = camera.vehicle, camera.camera, camera.gimbal
+    effect.life_ms, effect.order = received.life_ms, key
+    return effect
+
+
+def _pointing(received: OrderReceived) -> PointAtPlace | PointAtAngles | ReleasePointing:
     effect: PointAtPlace | PointAtAngles | ReleasePointing
     match received.WhichOneof("order"):
         case "point_at_place":
@@ -143,10 +161,6 @@ def _effect(state: State, received: OrderReceived, order: Order) -> Message:
             effect = PointAtAngles(pitch_cdeg=angles.pitch_cdeg, yaw_cdeg=angles.yaw_cdeg, yaw_locked=angles.yaw_locked)
         case _:
             effect = ReleasePointing()
-    camera = state.cameras[order.camera]
-    effect.vehicle, effect.camera, effect.gimbal = camera.vehicle, camera.camera, camera.gimbal
-    effect.life_ms = received.life_ms
-    effect.order = order_key(order.principal_id, order.command_id)
     return effect
 
 

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from events.records import Record
 from events.schema.common_pb2 import Moved
-from events.schema.orders_pb2 import AckPublished, OrderMalformed, OrderReceived, SendAck
+from events.schema.orders_pb2 import (
+    MISSION_ABORT,
+    MISSION_BEGIN,
+    MISSION_PAUSE,
+    MISSION_RESUME,
+    AckPublished,
+    OrderMalformed,
+    OrderReceived,
+    SendAck,
+)
+from events.schema.safety_pb2 import FlyToPlace, SetVehicleMode
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, PointAtAngles, PointAtPlace, ReleasePointing
 from statecharts.charts.command import CHART, FINAL, MAV_IN_PROGRESS, REPEATS_ANSWERED, UNDERWAY
 from statecharts.facts import Arrival, Effect, Order, fitting_key, order_key
@@ -63,6 +73,7 @@ def _order(state: State, received: OrderReceived, now_ns: int) -> Order:
         in_reply_to=received.in_reply_to,
         expires_ns=now_ns + received.life_ms * NS_PER_MS,
         keep_until_ns=now_ns + state.flight.limits.dedup_keep_ms * NS_PER_MS,
+        asked=_VERBS.get(received.mission.verb, ""),
     )
 
 
@@ -77,7 +88,25 @@ def _asked(received: OrderReceived) -> tuple[str, str, str, bool]:
             return "release", fitting_key(1, received.release_camera.camera), "", False
         case "judge_poi":
             return "judge", "", received.judge_poi.poi_id, received.judge_poi.confirmed
+        case "follow_poi":
+            return "follow", fitting_key(1, received.follow_poi.camera), received.follow_poi.poi_id, False
+        case "fly_to_place":
+            return "fly", "", "", False
+        case "set_flight_mode":
+            return "mode", "", "", False
+        case "mission":
+            return "mission", "", "", False
+        case "acknowledge_selftest":
+            return "acknowledge", "", "", False
     return "", "", "", False
+
+
+_VERBS: dict[int, str] = {
+    MISSION_BEGIN: "begin",
+    MISSION_PAUSE: "pause",
+    MISSION_RESUME: "resume",
+    MISSION_ABORT: "abort",
+}
 
 
 def _forget_old(state: State, now_ns: int) -> None:
@@ -119,6 +148,15 @@ def _remember_effect(state: State, record: Record) -> None:
     gimbal = fitting_key(effect.vehicle, effect.gimbal)
     state.effects.drop_where(lambda earlier: earlier.done)
     state.effects.put(record.seq, Effect(effect.order, gimbal))
+
+
+def _remember_flight_effect(state: State, record: Record) -> None:
+    """Remember what an order asked of the flight; the node's own wishes are their charts' business."""
+    effect = record.message
+    assert isinstance(effect, FlyToPlace | SetVehicleMode)
+    if effect.order:
+        state.effects.drop_where(lambda earlier: earlier.done)
+        state.effects.put(record.seq, Effect(effect.order, ""))
 
 
 def _answered(state: State, record: Record) -> None:
@@ -172,6 +210,8 @@ EVOLVE: dict[str, Evolve] = {
     "point_at_place": _remember_effect,
     "point_at_angles": _remember_effect,
     "release_pointing": _remember_effect,
+    "fly_to_place": _remember_flight_effect,
+    "set_vehicle_mode": _remember_flight_effect,
     "command_answered": _answered,
     "command_unanswered": _unanswered,
     "send_ack": _acked,

@@ -7,11 +7,23 @@ from events.schema.flight_pb2 import BaselineCarried, FlightOpened, OriginSet
 from events.schema.state_pb2 import CarriedObject, CarriedOrder, CarriedState
 from statecharts.charts.command import FINAL
 from statecharts.charts.mapping import place_object
-from statecharts.facts import Camera, Ignored, Manifest, MapObject, Order, Spot, Trusted, fitting_key, order_key
+from statecharts.facts import (
+    Camera,
+    Ignored,
+    Manifest,
+    MapObject,
+    Mission,
+    Order,
+    Spot,
+    Trusted,
+    fitting_key,
+    order_key,
+)
 from statecharts.part import Evolve
 from statecharts.state import State
 
 NS_PER_MS = 1_000_000
+VEHICLE = 1
 
 
 def _open(state: State, record: Record) -> None:
@@ -76,6 +88,8 @@ def load_carried(state: State, carried: CarriedState, now_ns: int) -> None:
             time_floor_ms=carried.time_floor_ms,
         )
     )
+    if carried.flown_revision:
+        state.missions.put(VEHICLE, Mission(flown_revision=carried.flown_revision))
     if carried.HasField("origin"):
         state.origin.set(Spot.of(carried.origin))
 

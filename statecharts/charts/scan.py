@@ -4,8 +4,9 @@ Theory of operation. Zoomed out, the camera looks ahead at a fixed pitch, and th
 new point of interest is looked at: the camera rests on its place for `look_ms` (zoomed in), then looks ahead, or at
 the next. While an operator holds the camera or it rests released, the node keeps its hands off. Under the frame-rate
 floor it does not look closer, for what it would see there could not be followed; it comes back with a margin, so
-that it does not flicker. It must never move a camera that somebody holds, and never at all where `scan_enabled` is
-off.
+that it does not flicker. An operator may have it follow what a person has confirmed: the camera rests on it and turns
+after it when it has moved by half of `same_object_mm`, until somebody takes the camera. It must never move a camera
+that somebody holds, and never at all where `scan_enabled` is off, except to follow what it was ordered to.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ class Facts:
     camera: str = ""  # state of the camera's chart
     rate_mhz: int = 0
     floor_mhz: int = 0
+    moved_away: bool = False  # what is followed is no longer where the camera points
 
 
 def slow(facts: Facts) -> bool:
@@ -46,12 +48,17 @@ def held(facts: Facts) -> bool:
     return facts.camera != "automatic"
 
 
+def moved_away(facts: Facts) -> bool:
+    """What is followed is no longer where the camera points."""
+    return facts.moved_away
+
+
 CHART: Chart[Facts] = Chart(
     name="scan",
     initial="zoomed_out",
-    states=("zoomed_out", "zoomed_in", "operator_held", "blocked"),
+    states=("zoomed_out", "zoomed_in", "following", "operator_held", "blocked"),
     terminal=(),
-    triggers=("frame_observed", "camera_moved", "time_passed"),
+    triggers=("frame_observed", "camera_moved", "time_passed", "follow"),
     rows=(
         move("zoomed_out", "frame_observed", "blocked", "frames come too slowly to look closer", slow, band=1),
         move("zoomed_out", "frame_observed", "zoomed_in", "looks closer at a finding", may_look, band=2),
@@ -63,6 +70,16 @@ CHART: Chart[Facts] = Chart(
         move("zoomed_in", "camera_moved", "operator_held", "somebody has the camera", held, band=1),
         ignore("zoomed_in", "camera_moved", "it is free", band=2),
         move("zoomed_in", "time_passed", "zoomed_out", "has looked long enough"),
+        *(
+            move(state, "follow", "following", "an operator has it follow a finding")
+            for state in ("zoomed_out", "zoomed_in", "operator_held", "blocked")
+        ),
+        move("following", "follow", "following", "an operator has it follow another finding"),
+        move("following", "frame_observed", "following", "it has moved", moved_away, band=1),
+        ignore("following", "frame_observed", "keeps it in view", band=2),
+        move("following", "camera_moved", "operator_held", "somebody has the camera", held, band=1),
+        ignore("following", "camera_moved", "it is free", band=2),
+        ignore("following", "time_passed", "waits for nothing"),
         ignore("operator_held", "frame_observed", "hands off", held, band=1),
         move("operator_held", "frame_observed", "zoomed_out", "the camera was freed while nobody was asked", band=2),
         ignore("operator_held", "camera_moved", "somebody else has it now", held, band=1),

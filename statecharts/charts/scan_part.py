@@ -9,7 +9,7 @@ from events.schema.common_pb2 import Moved
 from events.schema.eyes_pb2 import FrameObserved
 from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace
 from statecharts.charts.scan import CHART, Facts
-from statecharts.facts import Poi, Scan, fitting_key
+from statecharts.facts import Poi, Scan, Spot, fitting_key
 from statecharts.part import Part
 from statecharts.state import State
 from statecharts.table import Answer, Row, moved
@@ -29,10 +29,19 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
             passed = state.passed(CHART.name, record.at.flight_ns)
             return tuple(said for key in passed for said in _fire(state, key, "time_passed"))
     assert isinstance(message, Moved)
+    if message.chart == "command":
+        return _follow(state, message)
     return _fire(state, message.instance, "camera_moved") if message.chart == "camera" else ()
 
 
-def _fire(state: State, key: str, trigger: str) -> tuple[Message, ...]:
+def _follow(state: State, change: Moved) -> tuple[Message, ...]:
+    order = state.orders[change.instance]
+    if order.verb != "follow" or change.to_state != "accepted":
+        return ()
+    return _fire(state, order.camera, "follow", order.poi_id)
+
+
+def _fire(state: State, key: str, trigger: str, poi_id: str = "") -> tuple[Message, ...]:
     camera = state.cameras.get(key)
     if camera is None:
         return ()
@@ -46,18 +55,22 @@ def _fire(state: State, key: str, trigger: str) -> tuple[Message, ...]:
         camera=camera.state,
         rate_mhz=_rate_mhz(scan, limits.frame_rate_floor_mhz),
         floor_mhz=limits.frame_rate_floor_mhz,
+        moved_away=scan.state == "following"
+        and not _spot(state, scan.poi_id).within(scan.spot, limits.same_object_mm // 2),
     )
     row = CHART.ask(scan.state, trigger, facts)
     if row.answer is not Answer.MOVE:
         return ()
-    return (moved(CHART, key, row), *_asked(state, key, row, candidate))
+    wanted = state.pois[poi_id or scan.poi_id] if row.target == "following" else candidate
+    return (moved(CHART, key, row), *_asked(state, key, row, wanted))
 
 
-def _asked(state: State, key: str, row: Row[Facts], candidate: Poi | None) -> tuple[Message, ...]:
+def _asked(state: State, key: str, row: Row[Facts], wanted: Poi | None) -> tuple[Message, ...]:
     camera, limits = state.cameras[key], state.flight.limits
     asked: PointAtPlace | PointAtAngles
-    if row.target == "zoomed_in" and candidate is not None:
-        asked = PointAtPlace(place=candidate.spot.place, poi_id=candidate.poi_id)
+    if row.target in ("zoomed_in", "following") and wanted is not None:
+        place = _spot(state, wanted.poi_id).place if row.target == "following" else wanted.spot.place
+        asked = PointAtPlace(place=place, poi_id=wanted.poi_id)
     elif row.target == "zoomed_out" and row.source != "blocked" and limits.scan_enabled and camera.gimbal:
         asked = PointAtAngles(pitch_cdeg=limits.sweep_pitch_cdeg, yaw_cdeg=0, yaw_locked=False)
     else:
@@ -65,6 +78,13 @@ def _asked(state: State, key: str, row: Row[Facts], candidate: Poi | None) -> tu
     asked.vehicle, asked.camera, asked.gimbal = camera.vehicle, camera.camera, camera.gimbal
     asked.life_ms = limits.own_command_life_ms
     return (asked,)
+
+
+def _spot(state: State, poi_id: str) -> Spot:
+    """Return where a point of interest was seen last."""
+    poi = state.pois[poi_id]
+    thing = state.objects.get(poi.object)
+    return poi.spot if thing is None else thing.spot
 
 
 def _candidate(state: State, key: str) -> Poi | None:
@@ -111,7 +131,10 @@ def _look(state: State, record: Record) -> None:
         return
     key = fitting_key(asked.vehicle, asked.camera)
     state.pois.put(poi.poi_id, poi._replace(looked=True))
-    state.scans.put(key, (state.scans.get(key) or Scan())._replace(poi_id=poi.poi_id))
+    scan = (state.scans.get(key) or Scan())._replace(poi_id=poi.poi_id, spot=Spot.of(asked.place))
+    state.scans.put(key, scan)
+    if scan.state == "following":
+        return
     state.deadlines.put((CHART.name, key), record.at.flight_ns + state.flight.limits.look_ms * NS_PER_MS)
 
 

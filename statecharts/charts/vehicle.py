@@ -13,7 +13,16 @@ def _reported(state: State, record: Record) -> None:
     report = record.message
     assert isinstance(report, VehicleStateReported)
     before = state.vehicles.get(report.vehicle) or Vehicle()
-    state.vehicles.put(report.vehicle, before._replace(armed=report.armed, custom_mode=report.custom_mode))
+    landed = report.landed_state if report.HasField("landed_state") else None
+    state.vehicles.put(
+        report.vehicle,
+        before._replace(
+            armed=report.armed,
+            custom_mode=report.custom_mode,
+            flight_mode=report.flight_mode,
+            landed_state=landed,
+        ),
+    )
 
 
 def _link(state: State, record: Record) -> None:

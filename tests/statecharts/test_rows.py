@@ -116,5 +116,8 @@ def test_every_observation_and_decision_has_a_reader() -> None:
 
 def test_the_order_of_the_charts() -> None:
     """Safety first, and in safe mode only what keeps the vehicle and its answers in order."""
-    check_equal([part.chart.name for part in PARTS], ["health", "command", "camera", "map", "poi", "scan", "aim"])
+    check_equal(
+        [part.chart.name for part in PARTS],
+        ["health", "command", "selftest", "camera", "map", "poi", "scan", "mission", "aim"],
+    )
     check_equal([part.chart.name for part in PARTS if part.safety], ["health", "command", "camera", "aim"])

@@ -14,8 +14,9 @@ from typing import Literal
 from google.protobuf.message import Message
 
 from autopilot.adapters.mesh.link import Link, Wire
-from autopilot.adapters.mesh.orders import Locate, Order, order_malformed, order_received, read_order
+from autopilot.adapters.mesh.orders import Order, order_malformed, order_received, read_order
 from autopilot.adapters.mesh.outbox import ACK_PATIENCE_S, Answer, Outbox
+from autopilot.adapters.mesh.reading import Locate
 from autopilot.adapters.mesh.trust_client import TrustClient
 from autopilot.adapters.mesh.witnesses import CosignatureDoor, ProofDoor
 from autopilot.ports.config import MeshSection

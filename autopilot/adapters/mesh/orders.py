@@ -6,36 +6,49 @@ here. A variant that this node does not know is no error: it becomes an order wi
 
 from __future__ import annotations
 
-import uuid
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from google.protobuf.message import DecodeError
 
+from autopilot.adapters.mesh.flight_orders import FlightOrdered, read_flight_order
+from autopilot.adapters.mesh.reading import Locate, read_place, require_range, require_uuid
 from autopilot.trust.keys import digest
 from autopilot.trust.verdict import Malformed, Opened, Sealed, Unreadable
 from autopilot.wire.keys import order_address
-from events.schema.common_pb2 import Issuer, Place
+from events.schema.common_pb2 import Issuer
 from events.schema.orders_pb2 import (
+    AcknowledgeSelftestOrder,
+    FlyToPlaceOrder,
+    FollowPoiOrder,
     JudgePoiOrder,
+    MissionOrder,
     OrderMalformed,
     OrderReceived,
+    OverrideSafetyOrder,
     PointAtAnglesOrder,
     PointAtPlaceOrder,
     ReleaseCameraOrder,
+    SetFlightModeOrder,
 )
 from events.schema.waypoint_pb2 import DeviceCommand
 
-Locate = Callable[[int, int, int], Place | None]
-"""Latitude and longitude in 1e-7 degrees, altitude AMSL in millimetres; None while there is no origin."""
-
-LATITUDE_E7_MAX = 900_000_000
-LONGITUDE_E7_MAX = 1_800_000_000
-ALTITUDE_DM_MIN, ALTITUDE_DM_MAX = -5_000, 200_000  # -500 m to 20 km AMSL: no ground lies outside
 PITCH_CDEG_MAX = 9_000
 YAW_CDEG_MAX = 35_999
 
-Ordered = PointAtPlaceOrder | PointAtAnglesOrder | ReleaseCameraOrder | JudgePoiOrder
+Ordered = PointAtPlaceOrder | PointAtAnglesOrder | ReleaseCameraOrder | JudgePoiOrder | FlightOrdered
+# The arm of OrderReceived that holds it.
+ARMS: dict[type[Ordered], str] = {
+    PointAtPlaceOrder: "point_at_place",
+    PointAtAnglesOrder: "point_at_angles",
+    ReleaseCameraOrder: "release_camera",
+    JudgePoiOrder: "judge_poi",
+    FlyToPlaceOrder: "fly_to_place",
+    SetFlightModeOrder: "set_flight_mode",
+    OverrideSafetyOrder: "override_safety",
+    AcknowledgeSelftestOrder: "acknowledge_selftest",
+    MissionOrder: "mission",
+    FollowPoiOrder: "follow_poi",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +67,7 @@ def read_order(message: Sealed, content: bytes, locate: Locate) -> Order:
         command.ParseFromString(content)
     except DecodeError as error:
         raise Unreadable("the content is no DeviceCommand, or a text in it is not UTF-8") from error
-    _require_uuid("command_id", command.command_id)
+    require_uuid("command_id", command.command_id)
     address = order_address(message.key_expr)
     if address is None or address.command_id != command.command_id:
         raise Unreadable("command_id: is not the one in the key")
@@ -84,17 +97,8 @@ def order_received(opened: Opened[Order]) -> OrderReceived:
         observation.time_uncertain = True
     if message.before_memory:
         observation.before_memory = True
-    match order.ordered:
-        case PointAtPlaceOrder():
-            observation.point_at_place.CopyFrom(order.ordered)
-        case PointAtAnglesOrder():
-            observation.point_at_angles.CopyFrom(order.ordered)
-        case ReleaseCameraOrder():
-            observation.release_camera.CopyFrom(order.ordered)
-        case JudgePoiOrder():
-            observation.judge_poi.CopyFrom(order.ordered)
-        case None:
-            pass
+    if order.ordered is not None:
+        getattr(observation, ARMS[type(order.ordered)]).CopyFrom(order.ordered)
     return observation
 
 
@@ -121,32 +125,24 @@ def _ordered(command: DeviceCommand, locate: Locate) -> Ordered | None:
         case "camera_release":
             return ReleaseCameraOrder(camera=command.camera_release.camera or 1)
         case "poi_confirm":
-            _require_uuid("poi_confirm.poi_id", command.poi_confirm.poi_id)
+            require_uuid("poi_confirm.poi_id", command.poi_confirm.poi_id)
             return JudgePoiOrder(poi_id=command.poi_confirm.poi_id, confirmed=True)
         case "poi_decline":
-            _require_uuid("poi_decline.poi_id", command.poi_decline.poi_id)
+            require_uuid("poi_decline.poi_id", command.poi_decline.poi_id)
             return JudgePoiOrder(poi_id=command.poi_decline.poi_id, confirmed=False)
-        case _:
-            return None
+    return read_flight_order(command, locate)
 
 
 def _at_place(command: DeviceCommand, locate: Locate) -> PointAtPlaceOrder:
     roi = command.camera_roi
-    _require_range("camera_roi.lat_e7", roi.lat_e7, -LATITUDE_E7_MAX, LATITUDE_E7_MAX)
-    _require_range("camera_roi.lon_e7", roi.lon_e7, -LONGITUDE_E7_MAX, LONGITUDE_E7_MAX)
-    _require_range("camera_roi.altitude_dm", roi.altitude_dm, ALTITUDE_DM_MIN, ALTITUDE_DM_MAX)
-    altitude_mm = roi.altitude_dm * 100
-    # Before the origin the place is bare, and the core refuses it as it refuses any order: once and for good.
-    place = locate(roi.lat_e7, roi.lon_e7, altitude_mm) or Place(
-        latitude_e7=roi.lat_e7, longitude_e7=roi.lon_e7, altitude_mm=altitude_mm
-    )
+    place = read_place("camera_roi", roi.lat_e7, roi.lon_e7, roi.altitude_dm, locate)
     return PointAtPlaceOrder(camera=roi.camera or 1, place=place)
 
 
 def _at_angles(command: DeviceCommand) -> PointAtAnglesOrder:
     angles = command.camera_pitch_yaw
-    _require_range("camera_pitch_yaw.pitch_cdeg", angles.pitch_cdeg, -PITCH_CDEG_MAX, PITCH_CDEG_MAX)
-    _require_range("camera_pitch_yaw.yaw_cdeg", angles.yaw_cdeg, 0, YAW_CDEG_MAX)
+    require_range("camera_pitch_yaw.pitch_cdeg", angles.pitch_cdeg, -PITCH_CDEG_MAX, PITCH_CDEG_MAX)
+    require_range("camera_pitch_yaw.yaw_cdeg", angles.yaw_cdeg, 0, YAW_CDEG_MAX)
     return PointAtAnglesOrder(
         camera=angles.camera or 1,
         pitch_cdeg=angles.pitch_cdeg,
@@ -164,18 +160,3 @@ def issuer_of(message: Sealed) -> Issuer:
         device_key_id=sender.device_key_id,
         roles=sender.roles,
     )
-
-
-def _require_range(name: str, value: int, lowest: int, highest: int) -> None:
-    if not lowest <= value <= highest:
-        raise Unreadable(f"{name}: {value} is outside {lowest} to {highest}")
-
-
-def _require_uuid(name: str, text: str) -> None:
-    """One spelling for an id: the dedup key must not have two."""
-    try:
-        canonical = str(uuid.UUID(text)) == text
-    except ValueError:
-        canonical = False
-    if not canonical:
-        raise Unreadable(f"{name}: is no UUID in lower case with hyphens")

@@ -159,3 +159,47 @@ def test_a_held_camera_closes_the_guard_by_itself(camera: str) -> None:
     """Whatever state the scan is in: the guard does not rely on it."""
     check_equal(may_look(Facts(enabled=True, candidate=True, camera=camera)), False)
     check_equal(may_look(Facts(enabled=True, candidate=True, camera="automatic")), True)
+
+
+def test_it_follows_what_a_person_has_confirmed() -> None:
+    """It rests on it, turns after it, and gives up as soon as somebody takes the camera; whoever had it lets it go."""
+    check_chart(
+        "scan",
+        """
+        at_s | observe              | state             | say         | why
+        0    | frame person@0,0     | -                 | -           | -
+        0    | time                 | -                 | -           | -
+        1    | order a turn         | 1/1 operator_held | turn -30,90 | somebody has the camera
+        2    | order f follow p1    | -                 | -           | -
+        3    | order c confirm p1   | -                 | -           | -
+        4    | order g follow p1    | 1/1 following     | look 0,0    | an operator has it follow a finding
+        5    | frame person@6,0     | -                 | -           | -
+        6    | frame person@9,0     | 1/1 following     | look 9,0    | it has moved
+        7    | frame person@9,0     | -                 | -           | -
+        8    | order h follow p1    | 1/1 following     | look 9,0    | an operator has it follow another finding
+        9    | order d turn         | 1/1 operator_held | turn -30,90 | somebody has the camera
+        10   | frame person@20,0    | -                 | -           | -
+        11   | order i follow p1    | 1/1 following     | look 20,0   | an operator has it follow a finding
+        12   | order e release      | 1/1 operator_held | let go      | somebody has the camera
+        """,
+        **(QUICK | {"scan_enabled": False, "same_object_mm": 12_000, "same_poi_mm": 20_000}),
+    )
+
+
+def test_nothing_that_is_not_confirmed_is_followed() -> None:
+    """A question, a declined one, one that never was, no vehicle, no camera: each with its reason."""
+    story = Story(**QUICK)
+    for words in ("frame person@0,0 car@90,0", "time", "order a decline p2"):
+        story.tell(words)
+    reasons = {}
+    for name, words in (("q", "p1"), ("n", "p2"), ("x", "p9"), ("k", "p1 camera=2"), ("v", "p1")):
+        if name == "v":
+            story.tell("order c confirm p1")
+            story.tell("vehicle down")
+        story.tell(f"order {name} follow {words}")
+        reasons[name] = story.flight.state.orders[f"alpha/{name}"].detail
+    check_equal(
+        reasons,
+        dict.fromkeys("qnx", "only what a person has confirmed is followed")
+        | {"k": "no such camera, or nothing turns it", "v": "no vehicle is heard"},
+    )

@@ -1,0 +1,126 @@
+"""The self-test as the shell runs it: looks at everything, has it judged, and reports it in one observation.
+
+It performs `run_selftest`. What was heard last of frames, gimbal, mission and operators is noted from the records as
+they become durable; the rest is looked at when the test runs. It decides nothing: the chart `selftest` does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from google.protobuf.message import Message
+
+from autopilot.node.fitness import Found, judged
+from autopilot.ports.config import Config
+from autopilot.ports.edges import InputClass, Offer, VehicleFacts
+from autopilot.trust.book import TrustBook
+from autopilot.trust.clock import Clock
+from events.records import Record
+from events.schema.mission_pb2 import MissionPlanned, RunSelftest, SelftestReported
+
+OFFER_AGAIN_S = 0.05
+PROBE = ".selftest"
+_HEARD = ("frame_observed", "gimbal_reported", "operator_heard")
+
+
+@dataclass(slots=True)
+class Noted:
+    """What the records told last. Written on the node's thread, read on another: whole values only."""
+
+    heard_ns: dict[str, int]  # kind to monotonic nanoseconds
+    plan: MissionPlanned | None = None
+    detector_us: int | None = None
+
+    def hear(self, records: tuple[Record, ...]) -> None:
+        """Note what is durable."""
+        for record in records:
+            if record.kind.name in _HEARD:
+                self.heard_ns[record.kind.name] = record.at.mono_ns
+            elif isinstance(record.message, MissionPlanned):
+                self.plan = record.message
+
+
+class Selftest:
+    """Performs `run_selftest`."""
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        book: TrustBook,
+        offer: Offer,
+        vehicle: Callable[[], VehicleFacts] | None,
+        detector_us: Callable[[], int | None],
+        objects: Callable[[], int],
+    ) -> None:
+        self._config, self._clock, self._book, self._offer = config, clock, book, offer
+        self._vehicle, self._detector_us, self._objects = vehicle, detector_us, objects
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.noted = Noted({})
+
+    def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
+        """Run the test and report it; returns at once."""
+        del recorded_mono_ns
+        if isinstance(effect, RunSelftest):
+            task = asyncio.create_task(self._run(seq, effect.vehicle), name="selftest")
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+
+    async def _run(self, seq: int, vehicle: int) -> None:
+        facts = None if self._vehicle is None else self._vehicle()
+        found = await asyncio.to_thread(self._look, facts)
+        report = SelftestReported(effect_seq=seq, vehicle=vehicle, items=judged(found))
+        while not self._offer(InputClass.OUTCOME, report):
+            await asyncio.sleep(OFFER_AGAIN_S)
+
+    def _look(self, vehicle: VehicleFacts | None) -> Found:
+        """Look at everything; called on a thread of its own, for it touches the disk."""
+        config, noted, time = self._config, self.noted, self._book.time()
+        flights = Path(config.node.flights)
+        held = self._book.held
+        return Found(
+            log_failure=written(flights),
+            free_bytes=shutil.disk_usage(flights).free,
+            needed_bytes=config.retention.min_free_mib << 20,
+            clock_trusted=time.trusted,
+            token_left_ms=held.token.not_after_ms - time.now_ms,
+            has_epoch=any(epoch.not_before_ms <= time.now_ms for epoch in held.epochs.values()),
+            list_overdue_ms=self._book.overdue_ms(),
+            has_camera=config.eyes.source != "none",
+            frame_ms_ago=self._ago_ms("frame_observed"),
+            detector_us=self._detector_us(),
+            has_gimbal=config.eyes.pose is None and vehicle is not None,
+            gimbal_ms_ago=self._ago_ms("gimbal_reported") if vehicle is None else vehicle.heard_ms_ago.get("gimbal"),
+            vehicle=vehicle,
+            return_percent=0,
+            fences=0 if noted.plan is None else len(noted.plan.fences),
+            mission_items=None if noted.plan is None else len(noted.plan.items),
+            objects=self._objects(),
+            has_mesh=bool(config.mesh.connect or config.mesh.listen),
+            operator_ms_ago=self._ago_ms("operator_heard"),
+        )
+
+    def _ago_ms(self, kind: str) -> int | None:
+        heard_ns = self.noted.heard_ns.get(kind)
+        return None if heard_ns is None else max(self._clock.mono_ns() - heard_ns, 0) // 1_000_000
+
+
+def written(folder: Path) -> str:
+    """Write a small file beside the flights, make it durable and remove it; return why that failed, or ""."""
+    probe = folder / PROBE
+    try:
+        descriptor = os.open(probe, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        try:
+            os.write(descriptor, b"selftest")
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+        probe.unlink()
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""

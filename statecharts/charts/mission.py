@@ -1,0 +1,352 @@
+"""Chart `mission`: from the link to the vehicle to its landing (seed 004, section 4; mission_executor of its system).
+
+Theory of operation. A start looks for the vehicle (`linking`), fetches and plans the mission (`checking`), waits for
+the self-test (`selftest`) and, unless configured to begin by itself, for an order of a person (`ready`). The plan is
+then put into the vehicle and read back (`uploading`) before any motor turns. A multirotor is started in the way that
+ArduPilot and PX4 both take: hold (`readying`), arm (`arming`), mission mode (`engaging`), MISSION_START (`starting`).
+Where a pilot starts it, as always with a fixed wing, the node waits until it sees that (`waiting_for_pilot`). In the
+air it watches: what the vehicle says of its mode and of its items is what counts, not what it was told.
+
+A step that asks something of the vehicle goes on only when the answer or the vehicle's own state says so; it is tried
+`mission_tries` times and then the mission is `paused`, for a person to look at. A vehicle that leaves the mission's
+mode was taken by somebody: paused, and nothing is commanded against it. A failsafe is the safety chart's; this chart
+follows it (`returning`). `aborting` asks for the return until the vehicle is seen to comply.
+
+While a camera follows a finding, the mission office is asked for a waypoint there; the changed plan is uploaded in the
+air, the vehicle waits at that waypoint (`following`), and goes on behind it when the following ends.
+
+It must never arm before the plan was read back, never start what a self-test has not passed, never command a vehicle
+that somebody else has taken, and never fly a plan a second time by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from events.schema.safety_pb2 import (
+    FLIGHT_MODE_GUIDED,
+    FLIGHT_MODE_LAND,
+    FLIGHT_MODE_LOITER,
+    FLIGHT_MODE_MISSION,
+    FLIGHT_MODE_RETURN,
+)
+from statecharts.table import Chart, Row, ignore, move
+
+STATES = (
+    *("idle", "linking", "checking", "selftest", "ready", "uploading", "waiting_for_pilot"),
+    *("readying", "arming", "engaging", "starting", "flying", "following"),
+    *("paused", "returning", "aborting", "landed", "done", "aborted"),
+)
+TRIGGERS = (
+    *("node_started", "linked", "planned", "unavailable", "tested", "begin", "pause", "resume", "abort"),
+    *("uploaded", "upload_failed", "accepted", "refused", "reported", "progressed", "failsafe"),
+    *("follow_began", "follow_ended", "time_passed"),
+)
+# What an operator may ask of the mission in each state: the command chart refuses the rest with a reason.
+MAY_BEGIN = ("linking", "checking", "selftest", "ready", "done", "aborted")
+MAY_PAUSE = ("uploading", "readying", "arming", "engaging", "starting", "flying", "following", "returning")
+MAY_RESUME = ("paused",)
+OVER = ("idle", "landed", "done", "aborting", "aborted")
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the guards look at."""
+
+    enabled: bool = False  # this node flies missions
+    link: bool = False  # the vehicle is heard
+    tested: bool = False  # the self-test has passed
+    may_begin: bool = False  # nobody has to order it, or somebody has
+    flown_already: bool = False  # this revision was flown, and would begin by itself
+    pilot: bool = False  # a pilot arms and starts
+    last_try: bool = False  # the present step was begun as often as it may be
+    final: bool = True  # no mission can be had, for good
+    armed: bool = False
+    mode: int = 0  # FlightMode of the vehicle; 0 where it is none that is known
+    flown: bool = False  # the mission was under way in the air in this flight
+    homeward: bool = False  # the item that the vehicle is at brings it home or down
+    at_middle: bool = False  # the vehicle has reached the waypoint that was asked for in the middle
+    by_waypoint: bool = False  # what is followed gets a waypoint
+
+
+def off(facts: Facts) -> bool:
+    """No missions are flown by this node."""
+    return not facts.enabled
+
+
+def linked(facts: Facts) -> bool:
+    """The vehicle is heard."""
+    return facts.link
+
+
+def flown_already(facts: Facts) -> bool:
+    """The revision was flown to its end, and nobody ordered it again."""
+    return facts.flown_already
+
+
+def tested_and_begun(facts: Facts) -> bool:
+    """The self-test has passed, and the mission may begin."""
+    return facts.tested and facts.may_begin
+
+
+def tested(facts: Facts) -> bool:
+    """The self-test has passed."""
+    return facts.tested
+
+
+def may_begin(facts: Facts) -> bool:
+    """Nobody has to order it, or somebody has."""
+    return facts.may_begin
+
+
+def goes_on_trying(facts: Facts) -> bool:
+    """The mission is still being looked for."""
+    return not facts.final
+
+
+def last_try(facts: Facts) -> bool:
+    """The step was begun as often as it may be."""
+    return facts.last_try
+
+
+def in_air(facts: Facts) -> bool:
+    """The mission is under way in the air."""
+    return facts.flown and facts.armed
+
+
+def pilot(facts: Facts) -> bool:
+    """A pilot arms and starts."""
+    return facts.pilot
+
+
+def armed(facts: Facts) -> bool:
+    """The motors are armed."""
+    return facts.armed
+
+
+def disarmed(facts: Facts) -> bool:
+    """The motors are not armed."""
+    return not facts.armed
+
+
+def holding(facts: Facts) -> bool:
+    """The vehicle says that it holds, or takes places one by one."""
+    return facts.mode in (FLIGHT_MODE_GUIDED, FLIGHT_MODE_LOITER)
+
+
+def in_mission(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission."""
+    return facts.mode == FLIGHT_MODE_MISSION
+
+
+def in_mission_in_air(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission, and it had been under way before."""
+    return in_air(facts) and facts.mode == FLIGHT_MODE_MISSION
+
+
+def started_by_pilot(facts: Facts) -> bool:
+    """The vehicle says that it is armed and flies the mission."""
+    return facts.armed and facts.mode == FLIGHT_MODE_MISSION
+
+
+def going_home(facts: Facts) -> bool:
+    """The vehicle says that it returns or lands."""
+    return facts.armed and facts.mode in (FLIGHT_MODE_RETURN, FLIGHT_MODE_LAND)
+
+
+def landed(facts: Facts) -> bool:
+    """The mission was under way in the air, and the motors are off."""
+    return facts.flown and not facts.armed
+
+
+def homeward(facts: Facts) -> bool:
+    """The item that the vehicle is at brings it home or down."""
+    return facts.homeward
+
+
+def outward(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission, at an item that does not bring it home."""
+    return facts.mode == FLIGHT_MODE_MISSION and not facts.homeward
+
+
+def at_middle(facts: Facts) -> bool:
+    """The vehicle has reached the waypoint that was asked for in the middle."""
+    return facts.at_middle
+
+
+def by_waypoint(facts: Facts) -> bool:
+    """What is followed gets a waypoint in the mission."""
+    return facts.by_waypoint
+
+
+_NOT_NOW = {
+    "node_started": "goes on with what it was at",
+    "linked": "the vehicle is there",
+    "planned": "the plan is kept for when it is needed",
+    "unavailable": "not waited for",
+    "tested": "not waited for",
+    "begin": "noted, or refused where it was asked",
+    "pause": "refused where it was asked",
+    "resume": "refused where it was asked",
+    "abort": "refused where it was asked",
+    "uploaded": "of an upload that is waited for no more",
+    "upload_failed": "of an upload that is waited for no more",
+    "accepted": "what the vehicle does counts, not what it answers",
+    "refused": "not waited for",
+    "reported": "as expected",
+    "progressed": "noted",
+    "failsafe": "nothing of this mission flies",
+    "follow_began": "the vehicle goes its way",
+    "follow_ended": "the vehicle goes its way",
+    "time_passed": "waits for nothing",
+}
+
+
+def _whole(*rows: Row[Facts]) -> tuple[Row[Facts], ...]:
+    """Return these rows and, for every cell that none of them is in, one that stays."""
+    taken = {(row.source, row.trigger) for row in rows}
+    empty = [(state, trigger) for state in STATES for trigger in TRIGGERS if (state, trigger) not in taken]
+    return (*rows, *(ignore(state, trigger, _NOT_NOW[trigger]) for state, trigger in empty))
+
+
+def _tried(source: str, trigger: str, because: str) -> tuple[Row[Facts], ...]:
+    return (
+        move(source, trigger, "paused", f"{because}, as often as it may be tried", last_try, band=5),
+        move(source, trigger, source, f"{because}: tried again", band=6),
+    )
+
+
+def _step(source: str) -> tuple[Row[Facts], ...]:
+    """Return what every step has in common that asks something of a vehicle which has not taken off."""
+    return (
+        *_tried(source, "refused", "the vehicle refused"),
+        *_tried(source, "time_passed", "nothing came of it"),
+        move(source, "pause", "paused", "an operator pauses it"),
+        move(source, "abort", "aborting", "an operator aborts it", armed, band=1),
+        move(source, "abort", "aborted", "an operator aborts it", band=2),
+        move(source, "failsafe", "returning", "a failsafe sends the vehicle home"),
+    )
+
+
+def _before_upload(source: str) -> tuple[Row[Facts], ...]:
+    return (move(source, "abort", "aborted", "an operator gives it up"),)
+
+
+def _in_the_air(source: str) -> tuple[Row[Facts], ...]:
+    return (
+        move(source, "reported", "landed", "disarmed", disarmed, band=1),
+        move(source, "abort", "aborting", "an operator aborts it"),
+    )
+
+
+def _while_not_looked_at(source: str) -> tuple[Row[Facts], ...]:
+    """Return what the vehicle may do by itself while the node is busy with its plan."""
+    return (
+        move(source, "reported", "landed", "disarmed", landed, band=1),
+        move(source, "reported", "returning", "the vehicle goes home by itself", going_home, band=2),
+        ignore(source, "reported", "its plan comes first", band=3),
+    )
+
+
+def _under_way(source: str) -> tuple[Row[Facts], ...]:
+    return (
+        *_in_the_air(source),
+        move(source, "reported", "returning", "the vehicle goes home by itself", going_home, band=2),
+        move(source, "pause", "paused", "an operator pauses it"),
+        move(source, "failsafe", "returning", "a failsafe sends the vehicle home"),
+    )
+
+
+CHART: Chart[Facts] = Chart(
+    name="mission",
+    initial="idle",
+    states=STATES,
+    terminal=(),
+    triggers=TRIGGERS,
+    rows=_whole(
+        ignore("idle", "node_started", "this node flies no missions", off, band=1),
+        move("idle", "node_started", "checking", "the vehicle is heard: which mission?", linked, band=2),
+        move("idle", "node_started", "linking", "looks for the vehicle", band=3),
+        move("linking", "linked", "checking", "the vehicle is heard: which mission?"),
+        *_before_upload("linking"),
+        move("checking", "planned", "done", "flown already; begins again only by order", flown_already, band=1),
+        move("checking", "planned", "uploading", "planned, and tested before", tested_and_begun, band=2),
+        move("checking", "planned", "ready", "planned, and tested before: waits for an order", tested, band=3),
+        move("checking", "planned", "selftest", "planned", band=4),
+        ignore("checking", "unavailable", "it is tried again", goes_on_trying, band=1),
+        move("checking", "unavailable", "paused", "no mission can be had", band=2),
+        move("checking", "node_started", "checking", "started again: fetched again"),
+        *_before_upload("checking"),
+        move("selftest", "tested", "uploading", "fit to fly", may_begin, band=1),
+        move("selftest", "tested", "ready", "fit to fly: waits for an order", band=2),
+        *_before_upload("selftest"),
+        move("ready", "begin", "uploading", "a person lets it begin"),
+        *_before_upload("ready"),
+        move("uploading", "uploaded", "engaging", "the vehicle has the plan, in the air", in_air, band=1),
+        move(
+            "uploading", "uploaded", "waiting_for_pilot", "the vehicle has the plan: a pilot starts it", pilot, band=2
+        ),
+        move("uploading", "uploaded", "readying", "the vehicle has the plan, read back", band=3),
+        *_tried("uploading", "upload_failed", "the vehicle did not take the plan"),
+        *_tried("uploading", "time_passed", "no word of the upload"),
+        move("uploading", "node_started", "uploading", "started again: what became of the upload is unknown"),
+        *_while_not_looked_at("uploading"),
+        move("uploading", "pause", "paused", "an operator pauses it"),
+        move("uploading", "abort", "aborting", "an operator aborts it", armed, band=1),
+        move("uploading", "abort", "aborted", "an operator aborts it", band=2),
+        move("uploading", "failsafe", "returning", "a failsafe sends the vehicle home"),
+        move("waiting_for_pilot", "reported", "flying", "a pilot has started it", started_by_pilot, band=1),
+        ignore("waiting_for_pilot", "reported", "not started yet", band=2),
+        *_before_upload("waiting_for_pilot"),
+        *_step("readying"),
+        move("readying", "accepted", "arming", "the vehicle holds"),
+        move("readying", "reported", "arming", "the vehicle holds", holding, band=1),
+        ignore("readying", "reported", "not yet", band=2),
+        *_step("arming"),
+        move("arming", "reported", "engaging", "armed", armed, band=1),
+        ignore("arming", "reported", "not yet", band=2),
+        *_step("engaging"),
+        move("engaging", "reported", "landed", "disarmed", landed, band=1),
+        move("engaging", "reported", "returning", "the vehicle goes home by itself", going_home, band=2),
+        move("engaging", "reported", "flying", "goes on with the mission", in_mission_in_air, band=3),
+        move("engaging", "reported", "starting", "the vehicle is in the mission's mode", in_mission, band=4),
+        ignore("engaging", "reported", "not yet", band=5),
+        *_step("starting"),
+        move("starting", "accepted", "flying", "the mission has begun"),
+        *_under_way("flying"),
+        ignore("flying", "reported", "it flies the mission", in_mission, band=3),
+        move("flying", "reported", "paused", "somebody took the vehicle out of the mission", band=4),
+        move("flying", "progressed", "returning", "the mission is on its way home", homeward, band=1),
+        move("flying", "progressed", "following", "waits at what is followed", at_middle, band=2),
+        ignore("flying", "progressed", "noted", band=3),
+        move("flying", "follow_began", "flying", "asks for a waypoint at what is followed", by_waypoint, band=1),
+        ignore("flying", "follow_began", "the camera follows, the vehicle goes its way", band=2),
+        move("flying", "planned", "uploading", "the plan has changed"),
+        *_under_way("following"),
+        ignore("following", "reported", "it waits", band=3),
+        move("following", "follow_ended", "engaging", "goes on where it left the mission"),
+        move("paused", "resume", "engaging", "an operator lets it go on", in_air, band=1),
+        move("paused", "resume", "uploading", "an operator lets it go on", tested, band=2),
+        move("paused", "resume", "checking", "an operator lets it go on", band=3),
+        move("paused", "reported", "landed", "disarmed", landed, band=1),
+        move("paused", "reported", "returning", "the vehicle goes home", going_home, band=2),
+        move("paused", "reported", "flying", "somebody put it back into the mission", in_mission_in_air, band=3),
+        ignore("paused", "reported", "a person has it", band=4),
+        ignore("paused", "failsafe", "its return is seen when the vehicle complies"),
+        move("paused", "abort", "aborting", "an operator aborts it", armed, band=1),
+        move("paused", "abort", "aborted", "an operator aborts it", band=2),
+        *_in_the_air("returning"),
+        ignore("returning", "reported", "on its way home", going_home, band=2),
+        move("returning", "reported", "flying", "back in the mission", outward, band=3),
+        ignore("returning", "reported", "on its way home by the mission", in_mission, band=4),
+        move("returning", "reported", "paused", "somebody stopped the return", band=5),
+        move("returning", "pause", "paused", "an operator pauses it"),
+        move("aborting", "reported", "aborted", "disarmed", disarmed, band=1),
+        ignore("aborting", "reported", "on its way home, or asked again soon", band=2),
+        ignore("aborting", "time_passed", "it complies", going_home, band=1),
+        move("aborting", "time_passed", "aborting", "it does not comply: asked again", band=2),
+        move("landed", "time_passed", "done", "the flight of the mission is over"),
+        move("done", "begin", "checking", "a person lets it begin again"),
+        move("aborted", "begin", "checking", "a person lets it begin again"),
+    ),
+)

@@ -1,0 +1,200 @@
+"""What the chart `mission` says. The rows are in `mission.py`, the changes of state in `mission_state.py`."""
+
+from __future__ import annotations
+
+from google.protobuf.message import Message
+
+from events.records import Record
+from events.schema.common_pb2 import Moved
+from events.schema.mission_pb2 import (
+    ArmVehicle,
+    FetchMission,
+    MissionPlanned,
+    MissionUnavailable,
+    MissionUploaded,
+    MissionUploadFailed,
+    PostWaypoint,
+    SetMissionItem,
+    StartMission,
+    UploadMission,
+)
+from events.schema.safety_pb2 import (
+    FLIGHT_MODE_GUIDED,
+    FLIGHT_MODE_LOITER,
+    FLIGHT_MODE_MISSION,
+    FLIGHT_MODE_RETURN,
+    FlightMode,
+    SetVehicleMode,
+)
+from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, VehicleLinkChanged
+from statecharts.charts.mission import CHART, Facts
+from statecharts.charts.mission_state import EVOLVE, HOMEWARD, VEHICLE, mission
+from statecharts.charts.selftest import selftest
+from statecharts.facts import Vehicle
+from statecharts.part import Part
+from statecharts.state import State
+from statecharts.table import Answer, moved
+
+MAV_ACCEPTED, MAV_IN_PROGRESS = 0, 5
+
+
+def decide(state: State, record: Record) -> tuple[Message, ...]:
+    """Return the mission's move, and the effects that the state it moves to asks for."""
+    trigger = _trigger(state, record)
+    if not trigger:
+        return ()
+    row = CHART.ask(mission(state).state, trigger, _facts(state, record))
+    if row.answer is not Answer.MOVE:
+        return ()
+    if row.target == row.source == "flying":
+        return (moved(CHART, str(VEHICLE), row), _post(state))
+    return (moved(CHART, str(VEHICLE), row), *_effects(state, row.target, row.because))
+
+
+def _trigger(state: State, record: Record) -> str:
+    """Return what a record means to this chart; "" for nothing."""
+    match record.message:
+        case Moved() as change:
+            return _heard(state, change)
+        case VehicleLinkChanged(vehicle=vehicle, up=up):
+            return "linked" if up and vehicle == VEHICLE else ""
+        case CommandAnswered() | CommandUnanswered() as outcome:
+            return _outcome(state, outcome)
+        case MissionUploaded(effect_seq=seq) | MissionUploadFailed(effect_seq=seq):
+            own = seq == mission(state).effect_seq
+            return {"mission_uploaded": "uploaded"}.get(record.kind.name, "upload_failed") if own else ""
+        case SetVehicleMode(order=order):
+            return "" if order else "failsafe"
+    if record.kind.name == "time_passed":
+        return "time_passed" if state.passed(CHART.name, record.at.flight_ns) else ""
+    return _TRIGGERS[record.kind.name]
+
+
+_TRIGGERS = {
+    "node_started": "node_started",
+    "mission_planned": "planned",
+    "mission_unavailable": "unavailable",
+    "vehicle_state_reported": "reported",
+    "mission_progress_reported": "progressed",
+}
+
+
+def _heard(state: State, change: Moved) -> str:
+    """Return what another chart's move means here."""
+    if change.chart == "selftest":
+        return "tested" if change.to_state == "passed" else ""
+    if change.chart == "scan":
+        began, ended = change.to_state == "following", change.from_state == "following"
+        return "follow_began" if began and not ended else "follow_ended" if ended and not began else ""
+    if change.chart != "command" or change.to_state != "accepted":
+        return ""
+    order = state.orders[change.instance]
+    return order.asked if order.verb == "mission" else ""
+
+
+def _outcome(state: State, outcome: CommandAnswered | CommandUnanswered) -> str:
+    if outcome.effect_seq != mission(state).effect_seq:
+        return ""
+    if isinstance(outcome, CommandUnanswered):
+        return "refused"
+    if outcome.mav_result == MAV_IN_PROGRESS:
+        return ""
+    return "accepted" if outcome.mav_result == MAV_ACCEPTED else "refused"
+
+
+def _facts(state: State, record: Record) -> Facts:
+    limits, now = state.flight.limits, mission(state)
+    vehicle = state.vehicles.get(VEHICLE) or Vehicle()
+    plan = state.plans.get(VEHICLE)
+    message = record.message
+    item = plan.items[now.next_item] if plan is not None and now.next_item < len(plan.items) else None
+    begins_alone = not limits.mission_begun_by_order
+    return Facts(
+        enabled=limits.mission_enabled,
+        link=vehicle.link,
+        tested=plan is not None and selftest(state).state == "passed",
+        may_begin=begins_alone or now.begun,
+        flown_already=begins_alone and plan is not None and plan.revision == now.flown_revision,
+        pilot=limits.pilot_starts or (plan is not None and plan.fixed_wing),
+        last_try=now.tries + 1 >= limits.mission_tries,
+        final=not isinstance(message, MissionUnavailable) or message.final,
+        armed=vehicle.armed,
+        mode=vehicle.flight_mode,
+        flown=now.flown,
+        homeward=item is not None and item.command in HOMEWARD,
+        at_middle=0 <= now.middle_item < now.next_item,
+        by_waypoint=limits.follow_by_waypoint and now.middle_item < 0 and item is not None,
+    )
+
+
+def _effects(state: State, target: str, because: str) -> tuple[Message, ...]:
+    """Return what is to be done on entering a state; the last of them is what the state waits for."""
+    limits, now = state.flight.limits, mission(state)
+    life_ms = limits.own_command_life_ms
+    match target:
+        case "checking":
+            return (FetchMission(vehicle=VEHICLE),)
+        case "uploading":
+            plan = _plan(state)
+            life_ms, mission_id = limits.upload_ms, plan.mission_id
+            return (UploadMission(vehicle=VEHICLE, mission_id=mission_id, items=plan.items, life_ms=life_ms),)
+        case "readying":
+            return (_mode(FLIGHT_MODE_GUIDED, because, life_ms),)
+        case "arming":
+            return (ArmVehicle(vehicle=VEHICLE, life_ms=life_ms),)
+        case "engaging":
+            item = SetMissionItem(vehicle=VEHICLE, item=now.next_item, life_ms=life_ms)
+            mode = _mode(FLIGHT_MODE_MISSION, because, life_ms)
+            return (item, mode) if now.flown else (mode,)
+        case "starting":
+            return (StartMission(vehicle=VEHICLE, life_ms=life_ms),)
+        case "following":
+            return (_mode(FLIGHT_MODE_LOITER, because, life_ms),)
+        case "paused" if _flies_the_mission(state):
+            return (_mode(FLIGHT_MODE_LOITER, because, life_ms),)
+        case "aborting":
+            return (_mode(FLIGHT_MODE_RETURN, because, life_ms),)
+    return ()
+
+
+def _flies_the_mission(state: State) -> bool:
+    """Whether the vehicle is where only a command of this node stops it; what somebody took is left alone."""
+    vehicle = state.vehicles.get(VEHICLE) or Vehicle()
+    return vehicle.armed and vehicle.flight_mode in (FLIGHT_MODE_MISSION, FLIGHT_MODE_RETURN)
+
+
+def _mode(mode: FlightMode.ValueType, because: str, life_ms: int) -> SetVehicleMode:
+    return SetVehicleMode(vehicle=VEHICLE, mode=mode, because=f"mission: {because}", life_ms=life_ms)
+
+
+def _post(state: State) -> PostWaypoint:
+    """Ask for a waypoint at what is followed, before the item that the vehicle flies to and at that item's height."""
+    plan, now = _plan(state), mission(state)
+    poi_id = next(scan.poi_id for scan in state.scans.values() if scan.state == "following")
+    height_mm = next((one.height_mm for one in plan.items[now.next_item :] if one.HasField("place")), 0)
+    return PostWaypoint(
+        vehicle=VEHICLE,
+        mission_id=plan.mission_id,
+        place=state.pois[poi_id].spot.place,
+        height_mm=height_mm,
+        before_item=now.next_item,
+        poi_id=poi_id,
+    )
+
+
+def _plan(state: State) -> MissionPlanned:
+    return state.plans[VEHICLE]
+
+
+PART = Part(
+    chart=CHART,
+    alphabet=frozenset(
+        {
+            *_TRIGGERS,
+            *("moved", "vehicle_link_changed", "command_answered", "command_unanswered"),
+            *("mission_uploaded", "mission_upload_failed", "set_vehicle_mode", "time_passed"),
+        }
+    ),
+    decide=decide,
+    evolve=EVOLVE,
+)

@@ -1,0 +1,120 @@
+"""The items of the self-test at each of their limits, and the performer that looks and reports."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from autopilot.node.fitness import DEGRADED, FAIL, HOUR_MS, ITEMS, MIB, PASS, SKIPPED, Found, judged
+from autopilot.node.selftest import PROBE, written
+from autopilot.ports.edges import VehicleFacts
+from tests.checks import check_equal
+
+VEHICLE = VehicleFacts(
+    linked=True,
+    commandable=True,
+    armed=False,
+    fix_type=3,
+    satellites=8,
+    hdop_e2=150,
+    charge_percent=50,
+    voltage_mv=15_000,
+    has_home=True,
+    heard_ms_ago={},
+)
+WELL = Found(
+    log_failure="",
+    free_bytes=1000 * MIB,
+    needed_bytes=1000 * MIB,
+    clock_trusted=True,
+    token_left_ms=HOUR_MS,
+    has_epoch=True,
+    list_overdue_ms=0,
+    has_camera=True,
+    frame_ms_ago=3_000,
+    detector_us=100_000,
+    has_gimbal=True,
+    gimbal_ms_ago=3_000,
+    vehicle=VEHICLE,
+    return_percent=25,
+    fences=1,
+    mission_items=1,
+    objects=3,
+    has_mesh=True,
+    operator_ms_ago=5_000,
+)
+
+
+def test_at_its_limits_everything_passes() -> None:
+    """But for the map, which nobody fetches."""
+    verdicts = {item.name: item.verdict for item in judged(WELL)}
+    check_equal(verdicts, dict.fromkeys(ITEMS, PASS) | {"map": SKIPPED})
+    check_equal(list(verdicts), list(ITEMS))
+    check_equal(all(item.words for item in judged(WELL)), True)
+
+
+def vehicle(**changes: Any) -> VehicleFacts:
+    """Return the vehicle with changes."""
+    return replace(VEHICLE, **changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "verdict", "words"),
+    [
+        ("log", {"log_failure": "Read-only file system"}, FAIL, "Read-only"),
+        ("space", {"free_bytes": 1000 * MIB - 1}, DEGRADED, "less than the 1000 MiB"),
+        ("space", {"free_bytes": 250 * MIB - 1}, FAIL, "249 MiB free"),
+        ("clock", {"clock_trusted": False}, DEGRADED, "challenge"),
+        ("keys", {"token_left_ms": HOUR_MS - 1}, DEGRADED, "59 min"),
+        ("keys", {"token_left_ms": 0}, FAIL, "expired"),
+        ("epoch", {"has_epoch": False}, FAIL, "no group key"),
+        ("epoch", {"list_overdue_ms": 60_000}, DEGRADED, "1 min"),
+        ("camera", {"frame_ms_ago": 3_001}, FAIL, "no frames"),
+        ("camera", {"frame_ms_ago": None}, FAIL, "no frames"),
+        ("camera", {"has_camera": False, "frame_ms_ago": None}, SKIPPED, "no camera"),
+        ("detector", {"detector_us": 100_001}, DEGRADED, "100 ms"),
+        ("detector", {"detector_us": None}, FAIL, "not answered"),
+        ("detector", {"has_camera": False}, SKIPPED, "no camera"),
+        ("gimbal", {"gimbal_ms_ago": 3_001}, DEGRADED, "silent for 3 s"),
+        ("gimbal", {"gimbal_ms_ago": None}, DEGRADED, "never"),
+        ("gimbal", {"has_gimbal": False}, SKIPPED, "fixed"),
+        ("position", {"vehicle": None}, FAIL, "does not tell"),
+        ("position", {"vehicle": vehicle(fix_type=None)}, FAIL, "does not tell"),
+        ("position", {"vehicle": vehicle(fix_type=2)}, FAIL, "no 3D fix"),
+        ("position", {"vehicle": vehicle(satellites=7)}, DEGRADED, "7 satellites"),
+        ("position", {"vehicle": vehicle(satellites=5)}, FAIL, "5 satellites"),
+        ("position", {"vehicle": vehicle(satellites=None)}, DEGRADED, "? satellites"),
+        ("position", {"vehicle": vehicle(hdop_e2=151)}, DEGRADED, "HDOP 1.51"),
+        ("position", {"vehicle": vehicle(hdop_e2=251)}, FAIL, "HDOP 2.51"),
+        ("position", {"vehicle": vehicle(hdop_e2=None)}, DEGRADED, "HDOP ?"),
+        ("battery", {"vehicle": vehicle(charge_percent=None)}, DEGRADED, "does not tell"),
+        ("battery", {"vehicle": None}, DEGRADED, "does not tell"),
+        ("battery", {"vehicle": vehicle(charge_percent=49)}, DEGRADED, "49 %"),
+        ("battery", {"vehicle": vehicle(charge_percent=25)}, FAIL, "25 %"),
+        ("geofence", {"fences": 0}, DEGRADED, "no fence"),
+        ("mission", {"mission_items": 0}, FAIL, "no items"),
+        ("mission", {"mission_items": None}, FAIL, "no items"),
+        ("link", {"vehicle": vehicle(linked=False)}, FAIL, "not heard"),
+        ("link", {"vehicle": None}, FAIL, "not heard"),
+        ("link", {"vehicle": vehicle(commandable=False)}, FAIL, "modes"),
+        ("link", {"operator_ms_ago": 5_001}, DEGRADED, "no operator"),
+        ("link", {"operator_ms_ago": None}, DEGRADED, "no operator"),
+        ("link", {"operator_ms_ago": None, "has_mesh": False}, SKIPPED, "no mesh"),
+    ],
+)
+def test_beyond_them(name: str, changes: dict[str, Any], verdict: int, words: str) -> None:
+    """One item at a time: it alone changes, and says what a pilot has to know."""
+    found = replace(WELL, **changes)
+    verdict_found, words_found = ITEMS[name](found)
+    check_equal(verdict_found, verdict)
+    check_equal(words in words_found, True)
+
+
+def test_the_probe_writes_and_leaves_nothing(tmp_path: Path) -> None:
+    """Also where something of that name is left from before; a folder that is gone is told in words."""
+    (tmp_path / PROBE).write_text("old")
+    check_equal((written(tmp_path), list(tmp_path.iterdir())), ("", []))
+    check_equal(written(tmp_path / "gone"), "No such file or directory")

@@ -1,0 +1,402 @@
+"""The chart `mission` as tables: from the link to the landing, and everything that can come between."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from events.schema.common_pb2 import Moved
+from statecharts.carry import carry_over
+from statecharts.charts.mission import CHART, MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
+from statecharts.charts.opening import load_carried
+from statecharts.state import State
+from tests import flying
+from tests.checks import check_chart, check_equal, check_exactly_one_row, seen
+from tests.stories import Story
+
+GROUND = """
+    at_s | observe       | state       | say      | why
+    0    | planned       | 1 selftest  | -        | planned
+    1    | report pass   | 1 ready     | -        | fit to fly: waits for an order
+    2    | order a begin | 1 uploading | upload 4 | a person lets it begin
+"""
+AIR = f"""
+    {GROUND.strip()}
+    3    | uploaded            | 1 readying | go guided  | the vehicle has the plan, read back
+    4    | did 0               | 1 arming   | arm        | the vehicle holds
+    5    | armed               | 1 engaging | go mission | armed
+    6    | mode mission        | 1 starting | start      | the vehicle is in the mission's mode
+    7    | did 0               | 1 flying   | -          | the mission has begun
+"""
+
+
+def story(table: str = "", **changes: Any) -> Story:
+    """Return a story of a node that flies missions, told as far as `table`."""
+    tale = Story(*flying.opening(**changes))
+    return check_chart("mission", table, tale) if table else tale
+
+
+def test_from_the_link_to_the_landing() -> None:
+    """Every step waits for what the vehicle says; the end is seen, not assumed; it is flown once."""
+    tale = check_chart(
+        "mission",
+        """
+        at_s | observe        | state       | say | why
+        8    | at 0           | -           | -   | -
+        60   | at 2 reached=1 | -           | -   | -
+        90   | at 3 reached=2 | 1 returning | -   | the mission is on its way home
+        91   | mode mission   | -           | -   | -
+        99   | disarmed       | 1 landed    | -   | disarmed
+        109  | time           | 1 done      | -   | the flight of the mission is over
+        """,
+        story(AIR),
+    )
+    check_equal(tale.flight.state.missions[1].flown_revision, "a")
+
+
+def test_it_looks_for_the_vehicle_first() -> None:
+    """No mission is asked for before the vehicle is heard; one that is there is not waited for."""
+    tale = story()
+    moves = [record.message for record in tale.flight.records if isinstance(record.message, Moved)]
+    check_equal([move.to_state for move in moves if move.chart == "mission"], ["linking", "checking"])
+
+
+@pytest.mark.parametrize("words", ["did 4", "did-not"])
+def test_a_step_is_tried_so_often(words: str) -> None:
+    """A refusal, or no answer, and then a person has to look; what is in progress is waited for."""
+    check_chart(
+        "mission",
+        f"""
+        at_s | observe  | state      | say       | why
+        3    | uploaded | 1 readying | go guided | the vehicle has the plan, read back
+        4    | did 5    | -          | -         | -
+        5    | {words}  | 1 readying | go guided | the vehicle refused: tried again
+        6    | {words}  | 1 readying | go guided | the vehicle refused: tried again
+        7    | {words}  | 1 paused   | -         | the vehicle refused, as often as it may be tried
+        """,
+        story(GROUND),
+    )
+
+
+def test_silence_is_tried_again_too() -> None:
+    """Ten seconds a step; an armed vehicle that goes no further is stopped where it is."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe  | state      | say       | why
+        3    | uploaded | 1 readying | go guided | the vehicle has the plan, read back
+        13   | time     | 1 readying | go guided | nothing came of it: tried again
+        14   | mode loiter disarmed=1 | 1 arming | arm | the vehicle holds
+        15   | did 0    | -          | -         | -
+        24   | time     | 1 arming   | arm       | nothing came of it: tried again
+        34   | time     | 1 arming   | arm       | nothing came of it: tried again
+        44   | time     | 1 paused   | -         | nothing came of it, as often as it may be tried
+        """,
+        story(GROUND),
+    )
+
+
+def test_nothing_is_armed_before_the_plan_was_read_back() -> None:
+    """A failed upload is begun again, whole; then it is paused, and an operator may let it go on."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe        | state       | say       | why
+        3    | uploaded 1     | -           | -         | -
+        4    | not-uploaded   | 1 uploading | upload 4  | the vehicle did not take the plan: tried again
+        69   | time           | 1 uploading | upload 4  | no word of the upload: tried again
+        70   | not-uploaded   | 1 paused    | -         | the vehicle did not take the plan, as often as it may be tried
+        71   | order r resume | 1 uploading | upload 4  | an operator lets it go on
+        72   | uploaded       | 1 readying  | go guided | the vehicle has the plan, read back
+        """,
+        story(GROUND),
+    )
+
+
+def test_a_pilot_starts_it() -> None:
+    """A fixed wing always; the node waits until it sees it, and commands nothing."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe               | state               | say      | why
+        0    | planned wing=1        | 1 selftest          | -        | planned
+        1    | order a begin         | -                   | -        | -
+        2    | report pass           | 1 uploading         | upload 4 | fit to fly
+        3    | uploaded              | 1 waiting_for_pilot | -        | the vehicle has the plan: a pilot starts it
+        9    | armed                 | -                   | -        | -
+        10   | mode mission          | 1 flying            | -        | a pilot has started it
+        """,
+        story(),
+    )
+
+
+def test_it_may_begin_by_itself_and_then_once() -> None:
+    """Where no order is needed; the same revision is not flown again, by a later flight neither."""
+    tale = story(mission_begun_by_order=False)
+    check_chart(
+        "mission",
+        """
+        at_s | observe     | state       | say      | why
+        0    | planned     | 1 selftest  | -        | planned
+        1    | report pass | 1 uploading | upload 4 | fit to fly
+        """,
+        tale,
+    )
+    state = State()
+    flown = story(AIR)
+    check_chart(
+        "mission",
+        """
+        at_s | observe  | state    | say | why
+        9    | disarmed | 1 landed | -   | disarmed
+        19   | time     | 1 done   | -   | the flight of the mission is over
+        """,
+        flown,
+    )
+    carried = carry_over(flown.flight.state, flown.flight.now_ns)
+    load_carried(state, carried, 0)
+    check_equal((state.missions[1].state, state.missions[1].flown_revision), ("idle", "a"))
+    following = Story(*flying.opening(mission_begun_by_order=False))
+    following.flight.state.missions.put(1, following.flight.state.missions[1]._replace(flown_revision="a"))
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state      | say   | why
+        0    | planned       | 1 done     | -     | flown already; begins again only by order
+        1    | order a begin | 1 checking | fetch | a person lets it begin again
+        """,
+        following,
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "state", "why"),
+    [
+        ("mode loiter", "1 paused", "somebody took the vehicle out of the mission"),
+        ("mode none", "1 paused", "somebody took the vehicle out of the mission"),
+        ("mode return", "1 returning", "the vehicle goes home by itself"),
+        ("mode land", "1 returning", "the vehicle goes home by itself"),
+        ("disarmed", "1 landed", "disarmed"),
+        ("mode mission", "-", "-"),
+    ],
+)
+def test_what_the_vehicle_does_by_itself(words: str, state: str, why: str) -> None:
+    """It is followed; nothing is commanded against whoever took the vehicle."""
+    check_chart(
+        "mission",
+        f"""
+        at_s | observe | state   | say | why
+        8    | {words} | {state} | -   | {why}
+        """,
+        story(AIR),
+    )
+
+
+def test_paused_and_resumed() -> None:
+    """The vehicle is held; it goes on with the item that it was at; a pilot's own return is respected."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe        | state       | say                | why
+        8    | at 2 reached=1 | -           | -                  | -
+        9    | order p pause  | 1 paused    | go loiter          | an operator pauses it
+        10   | mode loiter    | -           | -                  | -
+        11   | order q pause  | -           | -                  | -
+        12   | order r resume | 1 engaging  | item 2; go mission | an operator lets it go on
+        13   | mode mission   | 1 flying    | -                  | goes on with the mission
+        14   | mode loiter    | 1 paused    | -                  | somebody took the vehicle out of the mission
+        15   | mode mission   | 1 flying    | -                  | somebody put it back into the mission
+        16   | mode loiter    | 1 paused    | -                  | somebody took the vehicle out of the mission
+        17   | mode return    | 1 returning | -                  | the vehicle goes home
+        18   | mode loiter    | 1 paused    | -                  | somebody stopped the return
+        19   | disarmed       | 1 landed    | -                  | disarmed
+        """,
+        story(AIR),
+    )
+
+
+def test_aborted() -> None:
+    """The return is asked until the vehicle is seen to comply; on the ground nothing needs to be asked."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state      | say       | why
+        8    | order x abort | 1 aborting | go return | an operator aborts it
+        18   | time          | 1 aborting | go return | it does not comply: asked again
+        19   | mode return   | -          | -         | -
+        28   | time          | -          | -         | -
+        40   | disarmed      | 1 aborted  | -         | disarmed
+        50   | order b begin | 1 checking | fetch     | a person lets it begin again
+        """,
+        story(AIR),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state     | say | why
+        3    | order x abort | 1 aborted | -   | an operator aborts it
+        """,
+        story(GROUND),
+    )
+
+
+def test_no_mission_to_be_had() -> None:
+    """The adapter goes on trying; when it gives up a person has to look; a start asks again."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe            | state      | say   | why
+        0    | no-mission         | -          | -     | -
+        1    | start              | 1 checking | fetch | started again: fetched again
+        2    | no-mission final=1 | 1 paused   | -     | no mission can be had
+        3    | order r resume     | 1 checking | fetch | an operator lets it go on
+        """,
+        story(),
+    )
+
+
+def test_a_start_in_the_middle_of_it() -> None:
+    """What was asked and not answered is asked again, by its own deadline; an upload at once; in the air it watches."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe  | state       | say       | why
+        3    | start    | 1 uploading | upload 4  | started again: what became of the upload is unknown
+        4    | uploaded | 1 readying  | go guided | the vehicle has the plan, read back
+        5    | start    | -           | -         | -
+        14   | time     | 1 readying  | go guided | nothing came of it: tried again
+        """,
+        story(GROUND),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe    | state    | say | why
+        8    | start      | -        | -   | -
+        9    | vehicle up | -        | -   | -
+        10   | disarmed   | 1 landed | -   | disarmed
+        """,
+        story(AIR),
+    )
+
+
+@pytest.mark.parametrize("verb", ["begin", "pause", "resume", "abort"])
+def test_what_may_be_asked_and_when(verb: str) -> None:
+    """Elsewhere the order is refused with a reason, and the mission does not move."""
+    may = {"begin": MAY_BEGIN, "pause": MAY_PAUSE, "resume": MAY_RESUME}.get(verb)
+    for state in STATES:
+        tale = story()
+        tale.tell("planned")
+        tale.flight.state.missions.put(1, tale.flight.state.missions[1]._replace(state=state))
+        tale.tell(f"order a {verb}")
+        answer = tale.flight.state.orders["alpha/a"]
+        allowed = state in may if may is not None else state not in OVER
+        expected = ("accepted", "recorded") if allowed else ("rejected", "the mission is not at that")
+        check_equal((state, answer.state, answer.detail), (state, *expected))
+
+
+def test_who_may_order_it() -> None:
+    """A role of the flight; a camera's is not enough; and a node that flies no missions says so."""
+    for changes, words, expected in (
+        ({}, "order a begin roles=camera", "unauthorised"),
+        ({}, "order a begin", "accepted"),
+        ({"mission_enabled": False}, "order a begin", "unsupported"),
+        ({"flight_enabled": False}, "order a begin", "accepted"),
+        ({"flight_enabled": False, "mission_enabled": False}, "order a fly", "unsupported"),
+    ):
+        tale = story(**changes)
+        tale.tell(words)
+        check_equal(tale.flight.state.orders["alpha/a"].state, expected)
+
+
+def test_progress_where_the_vehicle_does_not_name_every_item() -> None:
+    """What is flown to says that what lies before it is done; the farther one counts, and a mission begun anew."""
+    tale = story(AIR)
+    for words, expected in (("at 1", 1), ("at 1 reached=1", 2), ("at 3 reached=1", 3), ("at 0", 0), ("at", 0)):
+        tale.tell(words)
+        check_equal(tale.flight.state.missions[1].next_item, expected)
+
+
+def followed() -> Story:
+    """Return a story in the air, with a finding that a person has confirmed."""
+    tale = Story(*flying.opening(sightings_to_ask=1, frame_rate_floor_mhz=0))
+    tale = check_chart("mission", AIR, tale)
+    for words in ("frame person@5,5", "time", "order c confirm p1 by=bravo", "at 2 reached=1"):
+        tale.tell(words)
+    return tale
+
+
+def test_what_is_followed_gets_a_waypoint() -> None:
+    """The office is asked, the changed plan is uploaded in the air, the vehicle waits there, and goes on behind it."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe                    | state       | say                   | why
+        10   | order f follow p1 by=bravo | 1 flying | post before 2 at 30 m | asks for a waypoint at what is followed
+        11   | posted                     | -           | -                     | -
+        12   | planned rev=b items=takeoff,go,go,go,home | 1 uploading | upload 5 | the plan has changed
+        13   | mode mission               | -           | -                     | -
+        14   | uploaded                   | 1 engaging  | item 2; go mission    | the vehicle has the plan, in the air
+        15   | mode mission               | 1 flying    | -                     | goes on with the mission
+        20   | time                       | -           | -                     | -
+        20   | at 2                       | -           | -                     | -
+        21   | at 3 reached=2             | 1 following | go loiter             | waits at what is followed
+        22   | mode loiter                | -           | -                     | -
+        30   | order t turn by=bravo      | 1 engaging  | item 3; go mission    | goes on where it left the mission
+        31   | mode mission               | 1 flying    | -                     | goes on with the mission
+        """,
+        followed(),
+    )
+
+
+def test_following_without_a_waypoint() -> None:
+    """The office refuses, or nobody wants one: the camera follows and the vehicle goes its way."""
+    tale = check_chart(
+        "mission",
+        """
+        at_s | observe                    | state    | say                   | why
+        10   | order f follow p1 by=bravo | 1 flying | post before 2 at 30 m | asks for a waypoint at what is followed
+        11   | posted no such mission     | -        | -                     | -
+        12   | at 3 reached=2             | 1 returning | -                  | the mission is on its way home
+        13   | order t turn by=bravo      | -        | -                     | -
+        """,
+        followed(),
+    )
+    check_equal(tale.flight.state.missions[1].middle_item, -1)
+    tale = followed()
+    tale.flight.state.flight.limits.follow_by_waypoint = False
+    check_chart(
+        "mission",
+        """
+        at_s | observe                    | state | say | why
+        10   | order f follow p1 by=bravo | -     | -   | -
+        """,
+        tale,
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "state", "say"),
+    [
+        ("order p pause", "1 paused", "go loiter"),
+        ("order x abort", "1 aborting", "go return"),
+        ("mode return", "1 returning", "-"),
+        ("disarmed", "1 landed", "-"),
+        ("mode loiter", "-", "-"),
+    ],
+)
+def test_while_it_waits_at_what_is_followed(words: str, state: str, say: str) -> None:
+    """Whatever comes there ends it as in the mission itself."""
+    tale = followed()
+    for told in ("order f follow p1 by=bravo", "planned rev=b items=takeoff,go,go,go,home", "uploaded"):
+        tale.tell(told)
+    for told in ("mode mission", "at 3 reached=2", "mode mission"):
+        tale.tell(told)
+    found = seen(tale, "mission", tale.tell(words))
+    check_equal((found["state"], found["say"]), (state, say))
+
+
+def test_exactly_one_row() -> None:
+    """Whatever the guards say."""
+    check_exactly_one_row(CHART)
