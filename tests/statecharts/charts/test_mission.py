@@ -8,11 +8,11 @@ import pytest
 
 from events.schema.common_pb2 import Moved
 from statecharts.carry import carry_over
-from statecharts.charts.mission import CHART, MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
+from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
 from statecharts.charts.opening import load_carried
 from statecharts.state import State
 from tests import flying
-from tests.checks import check_chart, check_equal, check_exactly_one_row, seen
+from tests.checks import check_chart, check_equal, seen
 from tests.stories import Story
 
 GROUND = """
@@ -395,8 +395,3 @@ def test_while_it_waits_at_what_is_followed(words: str, state: str, say: str) ->
         tale.tell(told)
     found = seen(tale, "mission", tale.tell(words))
     check_equal((found["state"], found["say"]), (state, say))
-
-
-def test_exactly_one_row() -> None:
-    """Whatever the guards say."""
-    check_exactly_one_row(CHART)
