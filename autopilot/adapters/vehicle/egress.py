@@ -109,8 +109,8 @@ class Egress:
 
 
 def check(effect: Message) -> None:
-    """Raise NotEncodable where an effect can't be said, whoever it is for; no running number is used up."""
-    _allow(_command(_ANYBODY, effect, 0))
+    """Raise NotEncodable where an effect can't be said, whoever it is for; nothing is packed and no number used up."""
+    _command(_ANYBODY, effect, 0)
 
 
 def _allow(message: Any) -> None:
