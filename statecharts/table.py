@@ -3,7 +3,8 @@
 The rows are the only truth. Asking a chart evaluates every candidate row: the lowest band with an open
 guard decides, and two open guards in one band are an error, never a race (style 19). Only a row that
 moves is put to `transitions`, on a bare model, with one trigger name a row, without auto transitions,
-callbacks or timeouts: its own defaults would pick the first match and let any state be reached.
+callbacks or timeouts: its own defaults would pick the first match and let any state be reached. So a row
+has nothing there that could come out otherwise a second time, and is put to it once in a process.
 """
 
 from __future__ import annotations
@@ -85,6 +86,7 @@ class Chart(Generic[F]):
     rows: tuple[Row[F], ...]
     _by_cell: dict[tuple[str, str], tuple[tuple[int, Row[F]], ...]] = field(init=False, repr=False, compare=False)
     _machine: Machine = field(init=False, repr=False, compare=False)
+    _executed: set[int] = field(init=False, repr=False, compare=False, default_factory=set)  # rows that ended right
 
     def __post_init__(self) -> None:
         """Index the rows and build the executor. Raises ValueError for a row that names no state or trigger."""
@@ -103,8 +105,9 @@ class Chart(Generic[F]):
                 chosen = (number, row)
         if chosen is None:
             raise IllegalTransition(f"{self.name}: no row is open for {trigger} in {state}")
-        if chosen[1].answer is Answer.MOVE:
+        if chosen[1].answer is Answer.MOVE and chosen[0] not in self._executed:
             self._execute(*chosen)
+            self._executed.add(chosen[0])
         return chosen[1]
 
     def cell(self, state: str, trigger: str) -> tuple[Row[F], ...]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from autopilot.node.joining import Reading
 from autopilot.ports.edges import Clock
-from autopilot.trust.freshness import known_time
+from autopilot.trust.freshness import NS_PER_MS, known_time
 from events.records import Moment
 
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
@@ -18,8 +18,12 @@ def boot_id() -> str:
 
 
 def read_clocks(clock: Clock) -> Reading:
-    """Read a computer's clocks. A clock that does not say how far it is to be believed counts as trusted."""
-    return Reading(clock.mono_ns(), clock.wall_ns(), known_time(clock).quality)
+    """Read a computer's clocks; the wall clock once, to the millisecond, with how far it is believed.
+
+    A clock that does not say how far it is to be believed counts as trusted.
+    """
+    known = known_time(clock)
+    return Reading(clock.mono_ns(), known.now_ms * NS_PER_MS, known.quality)
 
 
 class FlightClock:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -51,6 +52,9 @@ from events.store import StoreFailed
 # Without a turn of the loop for this long the node is not well, and its heartbeat stops.
 UNWELL_AFTER_NS = 3_000_000_000
 UPKEEP_AGAIN_S = 1.0
+# How long a thread may keep the interpreter while another waits for it: an order passes three threads, and upkeep and
+# projections work beside them (Python's own 5 ms is five orders' time).
+SWITCH_S = 0.0005
 # How long the end waits for orders that came before it.
 LAST_ORDERS_S = 1.0
 
@@ -74,6 +78,7 @@ class Daemon:
         """Run until SIGTERM, SIGINT, the end of the input, or a failure; return the exit code (sysexits)."""
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, self._asked_to_stop.set)
+        sys.setswitchinterval(SWITCH_S)
         try:
             identity = load_identity(self._config.node.keys, self._clock.time().earliest_ms)
             return await self._live(identity)
@@ -184,6 +189,7 @@ class Daemon:
         ]
         try:
             await settle(book, over)
+            gc.freeze()  # what lives as long as the process is not looked through again: that would stop an order
             await _start(edges)
             print(f"autopilot: recording in {self._board.session.flight.folder}", file=sys.stderr, flush=True)
             await _first(self._asked_to_stop.wait(), self._input_ended(edges), over.wait())

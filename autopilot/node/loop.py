@@ -158,9 +158,10 @@ class NodeLoop(threading.Thread):
             self._inbox.close_to_orders()
         durable, self._pending = tuple(self._pending), []
         for record in durable:
-            self._note(session, record)
             self._hand_over(record)
-        time.sleep(0)  # lets go of the interpreter: whoever performs goes before the fold
+        time.sleep(0)  # lets go of the interpreter: whoever performs goes before what is only noted and folded
+        for record in durable:
+            self._note(session, record)
         self._on_records(durable)
         if session.sealing is not None:
             session.sealing.cosigned.hear(durable)

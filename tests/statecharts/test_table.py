@@ -110,7 +110,19 @@ def test_the_executor_is_believed_only_where_it_ends_right() -> None:
     """A row that the executor takes elsewhere is an error."""
     chart = chart_of(move("a", "go", "b", "x"))
     object.__setattr__(chart, "_machine", chart_of(move("a", "go", "c", "x"))._machine)
-    check_raises(IllegalTransition, "row 0 ended in c, not in b", chart, "a", "go", 0)
+    for _ in range(2):
+        check_raises(IllegalTransition, "row 0 ended in c, not in b", chart, "a", "go", 0)
+
+
+def test_a_row_is_put_to_the_executor_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each row that moves, the first time; one that does not move, never."""
+    chart = chart_of(move("a", "go", "b", "x"), move("b", "go", "a", "y"), ignore("b", "stay", "z"))
+    put: list[int] = []
+    monkeypatch.setattr(Chart, "_execute", lambda _chart, number, _row: put.append(number))
+    answers = [
+        chart.ask(state, trigger, 0).because for state, trigger in (*(("a", "go"), ("b", "go")) * 2, ("b", "stay"))
+    ]
+    check_equal((answers, put), (["x", "y", "x", "y", "z"], [0, 1]))
 
 
 @pytest.mark.parametrize("chart", CHARTS, ids=lambda chart: chart.name)

@@ -1,6 +1,6 @@
 """Everything that this node can say to a vehicle: a closed list, and the only functions that encode.
 
-`SENDABLE` names each pair of message and command. Whatever is packed passes `_pack`, which
+`SENDABLE` names each pair of message and command. Whatever is packed passes `_allow`, which
 refuses what is not in it and every number that is not finite, so a new message is a change of
 this file and of the test that prints the list. There is nothing in it that arms, changes a mode,
 uploads a mission, moves a servo or drops anything.
@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 from google.protobuf.message import Message
 from pymavlink.dialects.v20 import common as dialect
@@ -57,6 +57,7 @@ ROLL_LOCK, PITCH_LOCK, YAW_LOCK = 4, 8, 16  # GIMBAL_MANAGER_FLAGS
 FRAME_GLOBAL = 0
 EVERY_GIMBAL = 0
 UNSET = math.nan
+_ANYBODY = Sender(system=0, component=0)
 
 COMMAND_OF: dict[type[Message], int] = {
     PointAtPlace: SET_ROI_LOCATION,
@@ -85,90 +86,103 @@ class Egress:
 
     def ask_stream(self, system: int, target: Sender, message_id: int) -> bytes:
         """Return the request for one of `STREAMS_US`; raises KeyError for another."""
-        return self._long(system, target, SET_MESSAGE_INTERVAL, 0, message_id, STREAMS_US[message_id])
+        return self._pack(system, _long(target, SET_MESSAGE_INTERVAL, 0, message_id, STREAMS_US[message_id]))
 
     def ask_gimbal_information(self, system: int, target: Sender) -> bytes:
         """Return the request for GIMBAL_MANAGER_INFORMATION."""
-        return self._long(system, target, REQUEST_MESSAGE, 0, GIMBAL_INFORMATION)
+        return self._pack(system, _long(target, REQUEST_MESSAGE, 0, GIMBAL_INFORMATION))
 
     def effect(self, system: int, target: Sender, effect: Message, confirmation: int) -> bytes:
         """Return the command for a pointing effect; raises NotEncodable.
 
         `confirmation` counts the re-sends; only COMMAND_LONG can carry it (MAVLink guide, Command Protocol).
         """
-        encode = self._ENCODERS.get(type(effect))
-        if encode is None:
-            raise NotEncodable(f"{type(effect).__name__} is not for a vehicle")
-        return encode(self, system, target, effect, confirmation)
-
-    def _roi(self, system: int, target: Sender, effect: Any, confirmation: int) -> bytes:
-        del confirmation  # COMMAND_INT has no field for it
-        place, altitude_m = effect.place, effect.place.altitude_mm / 1000
-        _one_gimbal(effect)
-        if place.latitude_e7 == 0 and place.longitude_e7 == 0:
-            raise NotEncodable("latitude and longitude 0 would cancel the pointing")
-        if abs(place.latitude_e7) > 900_000_000 or abs(place.longitude_e7) > 1_800_000_000:
-            raise NotEncodable("the place is not on the Earth")
-        if not ALTITUDE_M[0] <= altitude_m <= ALTITUDE_M[1]:
-            raise NotEncodable(f"altitude {altitude_m} m is outside {ALTITUDE_M}")
-        return self._pack(
-            system,
-            dialect.MAVLink_command_int_message(
-                target.system,
-                target.component,
-                FRAME_GLOBAL,
-                SET_ROI_LOCATION,
-                0,
-                0,
-                EVERY_GIMBAL,
-                0,
-                0,
-                0,
-                place.latitude_e7,
-                place.longitude_e7,
-                altitude_m,
-            ),
-        )
-
-    def _angles(self, system: int, target: Sender, effect: Any, confirmation: int) -> bytes:
-        _one_gimbal(effect)
-        if abs(effect.pitch_cdeg) > 9_000 or effect.yaw_cdeg >= 36_000:
-            raise NotEncodable("pitch is outside +-90 degrees or yaw outside 0 to 359.99")
-        flags = ROLL_LOCK | PITCH_LOCK | (YAW_LOCK if effect.yaw_locked else 0)
-        pitch_deg, yaw_deg = effect.pitch_cdeg / 100, wrapped(effect.yaw_cdeg / 100)
-        parameters = (pitch_deg, yaw_deg, UNSET, UNSET, flags, 0, EVERY_GIMBAL)
-        return self._long(system, target, GIMBAL_PITCHYAW, confirmation, *parameters)
-
-    def _release(self, system: int, target: Sender, effect: Any, confirmation: int) -> bytes:
-        _one_gimbal(effect)
-        return self._long(system, target, SET_ROI_NONE, confirmation)
-
-    def _long(self, system: int, target: Sender, command: int, confirmation: int, *parameters: float) -> bytes:
-        filled = (*parameters, *(0.0,) * (7 - len(parameters)))
-        return self._pack(
-            system,
-            dialect.MAVLink_command_long_message(target.system, target.component, command, confirmation, *filled),
-        )
+        return self._pack(system, _command(target, effect, confirmation))
 
     def _pack(self, system: int, message: Any) -> bytes:
-        """Pack what the list allows; the two rates of a gimbal command alone may be unset (NaN)."""
-        command = getattr(message, "command", None)
-        if (message.get_msgId(), command) not in SENDABLE:
-            raise NotEncodable(f"message {message.get_msgId()} with command {command} is not on the list")
-        may_be_unset = ("param3", "param4") if command == GIMBAL_PITCHYAW else ()
-        for name in message.get_fieldnames():
-            if name not in may_be_unset and not math.isfinite(getattr(message, name)):
-                raise NotEncodable(f"{name} is not finite")
+        """Pack what the list allows."""
+        _allow(message)
         self._mav.srcSystem = system
         packed = bytes(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
         return packed
 
-    _ENCODERS: ClassVar[dict[type[Message], Callable[[Egress, int, Sender, Any, int], bytes]]] = {
-        PointAtPlace: _roi,
-        PointAtAngles: _angles,
-        ReleasePointing: _release,
-    }
+
+def check(effect: Message) -> None:
+    """Raise NotEncodable where an effect can't be said, whoever it is for; nothing is packed and no number used up."""
+    _command(_ANYBODY, effect, 0)
+
+
+def _allow(message: Any) -> None:
+    """Raise NotEncodable for what the list lacks; the two rates of a gimbal command alone may be unset (NaN)."""
+    command = getattr(message, "command", None)
+    if (message.get_msgId(), command) not in SENDABLE:
+        raise NotEncodable(f"message {message.get_msgId()} with command {command} is not on the list")
+    may_be_unset = ("param3", "param4") if command == GIMBAL_PITCHYAW else ()
+    for name in message.get_fieldnames():
+        if name not in may_be_unset and not math.isfinite(getattr(message, name)):
+            raise NotEncodable(f"{name} is not finite")
+
+
+def _command(target: Sender, effect: Message, confirmation: int) -> Any:
+    command = _COMMANDS.get(type(effect))
+    if command is None:
+        raise NotEncodable(f"{type(effect).__name__} is not for a vehicle")
+    return command(target, effect, confirmation)
+
+
+def _roi(target: Sender, effect: Any, confirmation: int) -> Any:
+    del confirmation  # COMMAND_INT has no field for it
+    place, altitude_m = effect.place, effect.place.altitude_mm / 1000
+    _one_gimbal(effect)
+    if place.latitude_e7 == 0 and place.longitude_e7 == 0:
+        raise NotEncodable("latitude and longitude 0 would cancel the pointing")
+    if abs(place.latitude_e7) > 900_000_000 or abs(place.longitude_e7) > 1_800_000_000:
+        raise NotEncodable("the place is not on the Earth")
+    if not ALTITUDE_M[0] <= altitude_m <= ALTITUDE_M[1]:
+        raise NotEncodable(f"altitude {altitude_m} m is outside {ALTITUDE_M}")
+    return dialect.MAVLink_command_int_message(
+        target.system,
+        target.component,
+        FRAME_GLOBAL,
+        SET_ROI_LOCATION,
+        0,
+        0,
+        EVERY_GIMBAL,
+        0,
+        0,
+        0,
+        place.latitude_e7,
+        place.longitude_e7,
+        altitude_m,
+    )
+
+
+def _angles(target: Sender, effect: Any, confirmation: int) -> Any:
+    _one_gimbal(effect)
+    if abs(effect.pitch_cdeg) > 9_000 or effect.yaw_cdeg >= 36_000:
+        raise NotEncodable("pitch is outside +-90 degrees or yaw outside 0 to 359.99")
+    flags = ROLL_LOCK | PITCH_LOCK | (YAW_LOCK if effect.yaw_locked else 0)
+    pitch_deg, yaw_deg = effect.pitch_cdeg / 100, wrapped(effect.yaw_cdeg / 100)
+    parameters = (pitch_deg, yaw_deg, UNSET, UNSET, flags, 0, EVERY_GIMBAL)
+    return _long(target, GIMBAL_PITCHYAW, confirmation, *parameters)
+
+
+def _release(target: Sender, effect: Any, confirmation: int) -> Any:
+    _one_gimbal(effect)
+    return _long(target, SET_ROI_NONE, confirmation)
+
+
+def _long(target: Sender, command: int, confirmation: int, *parameters: float) -> Any:
+    filled = (*parameters, *(0.0,) * (7 - len(parameters)))
+    return dialect.MAVLink_command_long_message(target.system, target.component, command, confirmation, *filled)
+
+
+_COMMANDS: dict[type[Message], Callable[[Sender, Any, int], Any]] = {
+    PointAtPlace: _roi,
+    PointAtAngles: _angles,
+    ReleasePointing: _release,
+}
 
 
 def _one_gimbal(effect: Any) -> None:

@@ -25,6 +25,7 @@ from autopilot.adapters.vehicle.egress import (
     SET_MESSAGE_INTERVAL,
     Egress,
     NotEncodable,
+    check,
 )
 from autopilot.adapters.vehicle.heard import (
     Answer,
@@ -107,7 +108,7 @@ class Session:
     def perform(self, now_ns: int, effect_seq: int, effect: Message, deadline_ns: int) -> None:
         """Take an effect; what comes of it is reported with its seq."""
         try:
-            self._egress.effect(self._presence.system, _NOBODY, effect, 0)
+            check(effect)
         except NotEncodable:
             self._exchange.refuse(effect_seq, "not encodable")
         else:

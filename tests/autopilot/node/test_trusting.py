@@ -20,7 +20,7 @@ from autopilot.trust.book import TrustBook
 from autopilot.trust.fetching import Offered
 from autopilot.trust.identity import load_identity
 from autopilot.trust.judging import Floors, Known
-from events.schema.flight_pb2 import CLOCK_TRUSTED, CLOCK_UNSET, LogDamaged
+from events.schema.flight_pb2 import CLOCK_BOUNDED, CLOCK_TRUSTED, CLOCK_UNSET, LogDamaged
 from events.schema.orders_pb2 import OrderReceived
 from events.schema.waypoint_pb2 import CameraRelease, DeviceCommand, NodeStatus
 from tests.autopilot.node.nodes import FakeClock, Node, config, of_kind
@@ -139,6 +139,8 @@ def test_records_say_how_far_their_clock_is_to_be_believed(tmp_path: Path) -> No
     assert read_clocks(FakeClock()).quality == CLOCK_TRUSTED
     lost = device(tmp_path / "keys", HostClocks(wall_ms=0))
     assert read_clocks(lost.clock) == (lost.host.mono_ns(), NOW_MS * 1_000_000, CLOCK_UNSET)
+    lost.clock.hear_gps(NOW_MS + 5_000)
+    assert read_clocks(lost.clock) == (lost.host.mono_ns(), (NOW_MS + 5_000) * 1_000_000, CLOCK_BOUNDED)
 
 
 def test_orders_and_status_tell_of_overdue_lists_and_uncertain_time(tmp_path: Path) -> None:

@@ -307,3 +307,15 @@ def test_no_stream_of_datagrams_upsets_it(datagrams: list[bytes]) -> None:
         bench.hear(number / 10, datagram)
     bench.hear(9, heartbeat())
     assert len(bench.reported(CommandAnswered, CommandUnanswered)) == 1
+
+
+def test_a_number_of_the_link_is_a_message_that_left() -> None:
+    """A gap would be a lost message to whoever counts; what is refused or only judged takes no number."""
+    bench = flying()
+    bench.perform(0, 5, at_place(0, 0))
+    bench.perform(0, 6, at_place())
+    bench.hear(0.1, answer(195))
+    bench.perform(0.2, 7, at_angles())
+    numbers = [message.get_seq() for message in bench.sent]
+    assert bench.commands() == [195, 1000]
+    assert numbers == list(range(len(numbers)))
