@@ -203,7 +203,7 @@ class FixedWing:
     circle_m: float = 60.0
     glide: float = 0.1  # metres down a metre ahead
     flare_m_s: float = 1.2  # the last metres of a landing, straight on
-    flare_below_m: float = 8.0
+    flare_below_m: float = 5.0
     look_ahead_s: float = 2.5
 
     def step(self, body: Body, wish: Wish, wind: Wind) -> None:

@@ -3,7 +3,7 @@
 Items that are places or take time are NAV items; all others are DO items, which are done at once
 when the NAV item before them is over. Which of them are told as reached, and which one counts as
 current, differs between autopilots (`Manner`): ArduPilot tells of a waypoint and the DO items behind
-it only the last, and only ever calls a NAV item current; PX4 tells each of them. Nothing here knows
+it only the last, and only ever calls a NAV item current; PX4 tells each of them. Jumps (DO_JUMP) aren't flown here. Nothing here knows
 how a mission came on board (`transfer.py`) or how a body moves (`flight.py`).
 """
 
@@ -22,7 +22,7 @@ WAYPOINT, LOITER_FOREVER, LOITER_TURNS, LOITER_TIME, RETURN, LAND, TAKE_OFF = 16
 SPLINE, DELAY = 82, 93
 PLACES = frozenset({WAYPOINT, LOITER_FOREVER, LOITER_TURNS, LOITER_TIME, LAND, TAKE_OFF, SPLINE})
 NAV = PLACES | {RETURN, DELAY}
-SPEED, ROI_PLACE, ROI_OLD, ROI_NONE, JUMP = 178, 195, 201, 197, 177
+SPEED, ROI_PLACE, ROI_OLD, ROI_NONE = 178, 195, 201, 197
 ABOVE_SEA = frozenset({0, 5, 2})  # MAV_FRAME_GLOBAL, _GLOBAL_INT, and _MISSION, which ArduPilot takes for it
 TURN_S = 20.0  # a multirotor's turn about a point takes as long as this, standing
 _NAMES = {
@@ -69,7 +69,7 @@ class Manner:
     """How an autopilot goes through a mission."""
 
     first: int  # index of the first item to fly: 1 where item 0 is home
-    tells_each: bool  # each item as reached, and DO items as current too
+    tells_each: bool  # each item as reached, and no words
 
 
 class Craft(Protocol):
@@ -110,6 +110,7 @@ class Runner:
     running: bool = False
     finished: bool = False
     _begin_at: int | None = None  # where to go on
+    _item: Item | None = None  # that is flown, whatever is uploaded meanwhile
     _from_m: tuple[float, float] | None = None
     _there_s: float | None = None  # how long it has been where it was to be
     _fresh: bool = True
@@ -156,23 +157,21 @@ class Runner:
 
     def step(self, craft: Craft) -> Wish:
         """Return what the current item wishes; goes on to the next one where it is over."""
-        if self.finished or not self.running or self.current >= len(self.items):
-            self.finished = self.running
+        item = self._item
+        if item is None or self.finished or not self.running:
             return _stay_here(craft)
-        item = self.items[self.current]
         if self._over(craft, item):
-            self._pass(craft)
+            self._pass(craft, item)
             return self.step(craft)
         wish = self._wish(craft, item)
         self._fresh = False
         return wish
 
-    def _pass(self, craft: Craft) -> None:
+    def _pass(self, craft: Craft, item: Item) -> None:
         """The current item is over."""
         seq = self.current
         if not self.manner.tells_each:
             craft.say(f"Reached command #{seq}")
-        item = self.items[seq]
         self._from_m = item.point_m(craft.home)[:2] if item.command in (WAYPOINT, SPLINE) else None
         self._enter(craft, seq + 1, reached=seq)
 
@@ -188,6 +187,7 @@ class Runner:
         self._there_s, self._fresh = None, True
         self.finished = seq >= len(self.items)
         self._begin_at = None if self.finished else seq
+        self._item = None if self.finished else self.items[seq]
         if not self.finished:
             self.current = seq
             if not self.manner.tells_each:

@@ -43,10 +43,10 @@ from autopilot.sim.transfer import UNSUPPORTED as UNKNOWN_ITEM
 FORCE = 21196  # MAV_CMD_COMPONENT_ARM_DISARM, param2
 CUSTOM_MODE = 1  # MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
 CHANGES_MODE = 1  # MAV_DO_REPOSITION_FLAGS_CHANGE_MODE
-GIMBAL_ANGLES, JUMP, DO_LAND_START = 1000, 177, 189
+GIMBAL_ANGLES, DO_LAND_START = 1000, 189
 LOCATED = PLACES | {ROI_PLACE, ROI_OLD}
 FRAMES = frozenset({0, 2, 3, 5, 6, 10, 11})  # 2 (MISSION) is taken for 0
-DO_ITEMS = frozenset({JUMP, SPEED, DO_LAND_START, 112, 115, 181, 183, 195, 197, 201, 205, 206, 207, 211, 212})
+DO_ITEMS = frozenset({SPEED, DO_LAND_START, 112, 115, 181, 183, 195, 197, 201, 205, 206, 207, 211, 212})
 CAMERA_ITEMS = frozenset({203, 222, 531, 532, GIMBAL_ANGLES, 2000, 2001, 2500, 2501})
 TERRAIN = frozenset({10, 11})
 NAN_AT_4 = frozenset({WAYPOINT, TAKE_OFF, LAND})
@@ -215,6 +215,28 @@ def judge(item: Item, seq: int) -> int:
     return KEPT if item.frame in FRAMES else UNSUPPORTED_FRAME
 
 
+# How each parameter is stored: f as it is, i as a whole number, 0 not at all, 1 as 1.
+_STORED = {
+    WAYPOINT: "i000",
+    SPLINE: "i000",
+    TAKE_OFF: "i000",
+    LAND: "i001",
+    LOITER_FOREVER: "00f0",
+    LOITER_TURNS: "i0i0",
+    LOITER_TIME: "i0f0",
+    SPEED: "iff0",
+    ROI_PLACE: "0000",
+    ROI_OLD: "0000",
+    GIMBAL_ANGLES: "iiii",
+}
+
+
+def _stored(how: str, value: float) -> float:
+    if how in "01" or math.isnan(value):
+        return float(how == "1")
+    return float(int(value)) if how == "i" else value
+
+
 def kept(item: Item, seq: int) -> Item:
     """Return what is left of an item: its storage knows fewer parameters and whole numbers only.
 
@@ -224,19 +246,9 @@ def kept(item: Item, seq: int) -> Item:
     frame = 0
     if item.command in LOCATED:
         frame = 10 if item.frame in TERRAIN else 3 if item.frame in (3, 6) else 0
-    kept_part = {
-        WAYPOINT: (float(int(item.p1)), 0.0, 0.0, 0.0),
-        SPLINE: (float(int(item.p1)), 0.0, 0.0, 0.0),
-        TAKE_OFF: (float(int(item.p1)), 0.0, 0.0, 0.0),
-        LAND: (float(int(item.p1)), 0.0, 0.0, 1.0),
-        LOITER_FOREVER: (0.0, 0.0, item.p3, 0.0),
-        LOITER_TURNS: (float(int(item.p1)), 0.0, float(int(item.p3)), 0.0),
-        LOITER_TIME: (float(int(item.p1)), 0.0, item.p3, 0.0),
-        SPEED: (float(int(item.p1)), item.p2, item.p3, 0.0),
-        ROI_PLACE: (0.0, 0.0, 0.0, 0.0),
-        GIMBAL_ANGLES: tuple(float(int(value)) for value in (item.p1, item.p2, item.p3, item.p4)),
-    }.get(item.command, (item.p1, item.p2, item.p3, item.p4))
-    p1, p2, p3, p4 = (0.0 if math.isnan(value) else value for value in kept_part)
+    stored = _STORED.get(item.command, "ffff")
+    values = (item.p1, item.p2, item.p3, item.p4)
+    p1, p2, p3, p4 = (_stored(how, value) for how, value in zip(stored, values, strict=True))
     z = round(item.z, 2) if item.command in LOCATED else item.z  # centimetres
     return replace(item, frame=frame, p1=p1, p2=p2, p3=p3, p4=p4, z=z)
 
