@@ -50,9 +50,3 @@ def mission_current(seq: int, total: int, state: int, mode: int, mission_id: int
     """Return MISSION_CURRENT with its mission_id; the ids of fence and rally points are 0, none."""
     message = dialect.MAVLink_mission_current_message(seq, total, state, mode)
     return Extended(message, _U32.pack(mission_id) + bytes(8))
-
-
-def tail_id(message: Any, at: int) -> int:
-    """Return the id that stands at this byte of a received message's payload, 0 where it isn't there."""
-    payload = bytes(message.get_payload())[at : at + 4]
-    return int.from_bytes(payload, "little")

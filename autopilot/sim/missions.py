@@ -1,16 +1,16 @@
 """A mission on board: its items, and the runner that flies them one after the other.
 
 Items that are places or take time are NAV items; all others are DO items, which are done at once
-when the NAV item before them is over. Which of them are told as reached, and which one counts as
-current, differs between autopilots (`Manner`): ArduPilot tells of a waypoint and the DO items behind
-it only the last, and only ever calls a NAV item current; PX4 tells each of them. Jumps (DO_JUMP) aren't flown here. Nothing here knows
-how a mission came on board (`transfer.py`) or how a body moves (`flight.py`).
+when the NAV item before them is over. Which of them are told as reached differs between autopilots
+(`Manner`): ArduPilot tells of a waypoint and the DO items behind it only the last; PX4 tells each of
+them. A place of zeros is where the aircraft is. Jumps (DO_JUMP) aren't flown. Nothing here knows how
+a mission came on board (`transfer.py`) or how a body moves (`flight.py`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from pymavlink.dialects.v20 import common as dialect
@@ -187,7 +187,7 @@ class Runner:
         self._there_s, self._fresh = None, True
         self.finished = seq >= len(self.items)
         self._begin_at = None if self.finished else seq
-        self._item = None if self.finished else self.items[seq]
+        self._item = None if self.finished else _placed(self.items[seq], craft)
         if not self.finished:
             self.current = seq
             if not self.manner.tells_each:
@@ -235,7 +235,7 @@ class Runner:
             return _stay_here(craft)
         east_m, north_m, up_m = item.point_m(craft.home)
         if item.command == LAND:
-            return self._land(craft, item, east_m, north_m)
+            return self._land(craft, east_m, north_m)
         if item.command == TAKE_OFF:
             return Rise(up_m=up_m)
         speed_m_s = craft.speed_m_s or craft.frame.cruise_m_s
@@ -246,12 +246,8 @@ class Runner:
         stops = item.command not in (WAYPOINT, SPLINE) or item.p1 > 0
         return Fly(start_m=self._from_m, east_m=east_m, north_m=north_m, up_m=up_m, speed_m_s=speed_m_s, stops=stops)
 
-    def _land(self, craft: Craft, item: Item, east_m: float, north_m: float) -> Wish:
-        """Fly over the place, then come down; without a place, here and now."""
-        if not item.x and not item.y:
-            if self._from_m is None:
-                self._from_m = craft.seen_m[:2]
-            return Down(east_m=self._from_m[0], north_m=self._from_m[1])
+    def _land(self, craft: Craft, east_m: float, north_m: float) -> Wish:
+        """Fly over the place, then come down."""
         at_m = craft.seen_m
         if craft.frame.hovers and self._there_s is None:
             if math.hypot(east_m - at_m[0], north_m - at_m[1]) > craft.frame.near_m:
@@ -260,6 +256,14 @@ class Runner:
                 return Fly(start_m=start_m, east_m=east_m, north_m=north_m, up_m=at_m[2], speed_m_s=speed_m_s)
             self._there_s = 0.0
         return Down(east_m=east_m, north_m=north_m)
+
+
+def _placed(item: Item, craft: Craft) -> Item:
+    """Return an item with a place: here, where it names none."""
+    if item.command not in PLACES or item.x or item.y:
+        return item
+    here = craft.home.from_east_north(*craft.seen_m[:2], 0.0)
+    return replace(item, x=here.latitude_e7, y=here.longitude_e7)
 
 
 def _stay_here(craft: Craft) -> Wish:

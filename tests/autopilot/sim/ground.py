@@ -1,4 +1,4 @@
-"""A small ground station for tests: commands and the mission protocol, written from the guide and not from the simulator.
+"""A small ground station for tests: commands and the mission protocol, written from the guide, not from the simulator.
 
 It holds a vehicle, lets its time pass, and hears all that it sends. `upload` and `download` are the client's end of
 the mission protocol: items are resent when asked for, requests are repeated, all by the vehicle's own time.
@@ -50,7 +50,7 @@ def at(east_m: float, north_m: float) -> tuple[int, int]:
 def row(command: int, east_m: float, north_m: float, up_m: float, frame: int = 3, **more: float) -> Row:
     """Return an item with a place."""
     x, y = at(east_m, north_m)
-    return Row(command, frame, x=x, y=y, z=up_m, **more)  # type: ignore[arg-type]
+    return Row(command, frame, x=x, y=y, z=up_m, **more)
 
 
 class Ground:
@@ -178,7 +178,7 @@ class Ground:
 
 
 def _is_item(message: Any, seq: int) -> bool:
-    return message.get_type() == "MISSION_ITEM_INT" and message.seq == seq
+    return bool(message.get_type() == "MISSION_ITEM_INT" and message.seq == seq)
 
 
 def _row_of(message: Any) -> Row:
