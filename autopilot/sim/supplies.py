@@ -44,7 +44,7 @@ class Battery:
     @property
     def remaining_percent(self) -> int:
         """Charge as it is told, whole percent."""
-        return min(max(int(self.charge_percent), 0), 100)
+        return min(max(round(self.charge_percent), 0), 100)
 
 
 @dataclass(slots=True)

@@ -278,6 +278,9 @@ class Vehicle:
 
     def _stream(self) -> list[Any]:
         """Return the messages that are due for everybody."""
+        told, due = list(self._events()), list(self._due())
+        if not due:
+            return told
         flight, aim = self.flight, self.gimbal.aim
         now = VehicleInstant(
             boot_ms=self._boot_ns() // 1_000_000,
@@ -290,10 +293,9 @@ class Vehicle:
             autopilot=self.personality.autopilot,
             version=self.personality.version,
             unix_us=round((self._unix_s + self.time_s + self.clock_jump_s) * 1e6),
-            mission_id=self.transfer.mission_id,
+            transfer=self.transfer,
         )
-        told = list(self._events())
-        streamed = [BUILDERS[message_id](now) for message_id in self._due()]
+        streamed = [BUILDERS[message_id](now) for message_id in due]
         return told + [one for one in streamed if self._chance.random() >= self.unkind.stream_lost]
 
     def _events(self) -> Iterator[Any]:

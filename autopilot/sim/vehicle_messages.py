@@ -18,6 +18,7 @@ from autopilot.sim.flying import Flight
 from autopilot.sim.messages import ARMED, CUSTOM_MODE, Instant
 from autopilot.sim.modes import Doing
 from autopilot.sim.supplies import CELLS
+from autopilot.sim.transfer import Transfer
 
 GPS_SENSOR, BATTERY_SENSOR = 32, 1 << 25  # MAV_SYS_STATUS_SENSOR
 SENSORS = 0x3F | BATTERY_SENSOR
@@ -34,7 +35,7 @@ class VehicleInstant(Instant):
     autopilot: int
     version: int
     unix_us: int
-    mission_id: int
+    transfer: Transfer
 
 
 def _heartbeat(now: VehicleInstant) -> Any:
@@ -103,7 +104,7 @@ def _mission(now: VehicleInstant) -> Any:
         state = COMPLETE
     else:
         state = ACTIVE if runner.running else PAUSED if runner.current else NOT_STARTED
-    return mission_current(runner.current, total, state, 1 if flies else 2, now.mission_id)
+    return mission_current(runner.current, total, state, 1 if flies else 2, now.transfer.mission_id)
 
 
 BUILDERS: dict[int, Callable[[VehicleInstant], Any]] = {

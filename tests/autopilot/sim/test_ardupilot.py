@@ -1,4 +1,4 @@
-"""ArduPilot's manners as tables: a command in, an answer out, and what the vehicle is then; as a real copter was seen."""
+"""ArduPilot's manners as tables: a command in, an answer out, what the vehicle is then; as a real copter was seen."""
 
 from __future__ import annotations
 

@@ -374,7 +374,7 @@ WEATHER = st.builds(
 
 
 @given(WEATHER, st.integers(0, 1_000), st.integers(2, 8))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 def test_px4_never_takes_a_wrong_mission_silently(weather: Weather, seed: int, length: int) -> None:
     """On any link the mission on board is the old one or the new one, whole; and an accepted id is that of the new."""
     station = ground("px4", seed=seed)
@@ -386,15 +386,16 @@ def test_px4_never_takes_a_wrong_mission_silently(weather: Weather, seed: int, l
     assert reference.upload(new) == KEPT
     news = list(reference.vehicle.flight.items)
     vehicle.inward.weather = vehicle.outward.weather = weather
-    result = station.upload(new, within_s=20)
+    station.heard.clear()
+    result = station.upload(new, within_s=15)
     assert vehicle.flight.items in (olds, news)
-    if result == KEPT:
-        assert vehicle.flight.items == news
-        assert opaque_id(station.of("MISSION_ACK")[-1], 4) == reference.vehicle.transfer.mission_id
+    accepted = [opaque_id(ack, 4) for ack in station.of("MISSION_ACK") if ack.type == KEPT]
+    assert set(accepted) <= {reference.vehicle.transfer.mission_id}
+    assert result != KEPT or vehicle.flight.items == news
 
 
 @given(WEATHER, st.integers(0, 1_000))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=12, deadline=None, derandomize=True)
 def test_what_is_downloaded_is_what_is_on_board(weather: Weather, seed: int) -> None:
     for name in BOTH:
         station = ground(name, seed=seed)
@@ -402,14 +403,14 @@ def test_what_is_downloaded_is_what_is_on_board(weather: Weather, seed: int) -> 
         assert station.upload(rows) == KEPT
         clear = station.download()
         station.vehicle.inward.weather = station.vehicle.outward.weather = weather
-        assert station.download(within_s=20) in (None, clear)
+        assert station.download(within_s=10) in (None, clear)
 
 
 MESSAGES = st.sampled_from(["count", "item", "list", "request", "request_int", "clear", "ack", "set_current"])
 
 
 @given(st.lists(st.tuples(MESSAGES, st.integers(0, 65_535), st.integers(0, 255)), max_size=30), st.sampled_from(BOTH))
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 def test_no_order_of_messages_upsets_it(story: list[tuple[str, int, int]], name: PersonalityName) -> None:
     station = ground(name)
     x, y = at(5, 5)
