@@ -223,6 +223,7 @@ class Door:
         self._vehicle = vehicle
         self._footprints = footprints
         self._server: asyncio.Server | None = None
+        self._clients: set[asyncio.StreamWriter] = set()
         self.port = 0
 
     async def start(self, host: str, port: int) -> None:
@@ -231,15 +232,21 @@ class Door:
         self.port = self._server.sockets[0].getsockname()[1]
 
     def stop(self) -> None:
-        """Listen no more."""
+        """Listen no more, and close what is open."""
         if self._server is not None:
             self._server.close()
+        for client in list(self._clients):
+            client.close()
 
     async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Serve one client until it goes; a line that is too long ends it."""
-        with contextlib.suppress(OSError, ValueError):
-            while line := await reader.readline():
-                answer = apply(self._vehicle, self._footprints, line)
-                writer.write(json.dumps(answer).encode() + b"\n")
-                await writer.drain()
-        writer.close()
+        self._clients.add(writer)
+        try:
+            with contextlib.suppress(OSError, ValueError):
+                while line := await reader.readline():
+                    answer = apply(self._vehicle, self._footprints, line)
+                    writer.write(json.dumps(answer).encode() + b"\n")
+                    await writer.drain()
+        finally:
+            self._clients.discard(writer)
+            writer.close()
