@@ -204,7 +204,8 @@ def test_reposition_in_the_air(frame: int, place: tuple[int, int], up_m: float, 
     assert station.by_int(REPOSITION, frame, *place, up_m, -1, flags) == [result]
     station.pass_time(15)
     came = (station.vehicle.flight.body.east_m, station.vehicle.flight.body.up_m)
-    assert came == pytest.approx((40, 20) if result == ACCEPTED else (0, 15), abs=0.5)
+    expected = (40, 20) if result == ACCEPTED else (0, 15)
+    assert came == pytest.approx(expected, abs=0.5)
 
 
 def test_reposition_in_another_mode_needs_its_flag() -> None:
@@ -274,7 +275,8 @@ def test_it_comes_down_and_disarms(verb: int) -> None:
     station.pass_time(15)
     assert station.long(verb) == [ACCEPTED]
     station.until(lambda: not station.vehicle.flight.armed)
-    assert station.vehicle.flight.body.east_m == pytest.approx(0 if verb == RETURN else 60, abs=0.5)
+    where_m = {RETURN: 0, LAND: 60}[verb]
+    assert station.vehicle.flight.body.east_m == pytest.approx(where_m, abs=0.5)
     assert station.vehicle.flight.grounded
 
 
@@ -303,7 +305,7 @@ def test_behind_the_last_waypoint_it_hovers() -> None:
     station = ground()
     assert station.upload(MISSION[:4]) == 0
     for command in ((MODE, 1, GUIDED), (ARM, 1), (START,)):
-        assert station.long(*command) == [ACCEPTED]  # type: ignore[arg-type]
+        assert station.long(*command) == [ACCEPTED]
     station.pass_time(60)
     body = station.vehicle.flight.body
     assert (body.east_m, body.up_m) == pytest.approx((60, 20), abs=1.5)
@@ -327,17 +329,18 @@ def test_a_plane_waits_for_its_pilot() -> None:
 
 
 @pytest.mark.parametrize(
-    ("command", "result"),
+    ("command", "numbers", "result"),
     [
-        ((TAKE_OFF, 0, 0, 0, 0, 0, 0, 50), UNSUPPORTED),
-        ((LAND,), UNSUPPORTED),
-        ((MODE, 1, 13), ACCEPTED),
-        ((ARM, 1), ACCEPTED),
+        (TAKE_OFF, (0, 0, 0, 0, 0, 0, 50), UNSUPPORTED),
+        (LAND, (), UNSUPPORTED),
+        (MODE, (1, 13), ACCEPTED),
+        (MODE, (1, 9), FAILED),
+        (ARM, (1,), ACCEPTED),
     ],
 )
-def test_a_plane_answers(command: tuple[float, ...], result: int) -> None:
+def test_a_plane_answers(command: int, numbers: tuple[float, ...], result: int) -> None:
     station = ground(frame="plane")
-    assert station.long(*command) == [result]  # type: ignore[arg-type]
+    assert station.long(command, *numbers) == [result]
 
 
 def test_a_plane_takes_off_and_lands_by_mission() -> None:

@@ -7,14 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
 from autopilot.sim.aircraft import HOME
-from autopilot.sim.lossy import Weather
 from autopilot.sim.vehicle import PersonalityName
-from tests.autopilot.sim.ground import ARM, HOME_E7, MODE, NAN, START, Ground, Row, at, ground, row
+from tests.autopilot.sim.ground import ARM, HOME_E7, MODE, NAN, START, Ground, Row, ground, row
 
 BOTH: tuple[PersonalityName, ...] = ("ardupilot", "px4")
 KEPT, ERROR, FRAME, UNKNOWN, NO_SPACE = range(5)
@@ -61,7 +58,7 @@ def test_what_ardupilot_keeps_of_an_item(sent: Row, kept: Row) -> None:
     assert back is not None
     home = Row(16, 0, x=HOME_E7[0], y=HOME_E7[1], z=HOME[2])
     assert back[0] == home
-    assert back[1] == replace(kept, z=pytest.approx(kept.z, abs=1e-4))
+    assert replace(back[1], z=round(back[1].z, 3)) == kept
 
 
 @pytest.mark.parametrize(
@@ -206,9 +203,10 @@ def test_an_item_out_of_order() -> None:
         station.send(count(3))
         station.send(station.item(1, row(16, 5, 5, 20)))
         station.pass_time(0.1)
-        assert results(station) == ([BAD_SEQUENCE] if name == "ardupilot" else [])
+        said, asked = ([BAD_SEQUENCE], 1) if name == "ardupilot" else ([], 2)
+        assert results(station) == said
         requests = station.of("MISSION_REQUEST") + station.of("MISSION_REQUEST_INT")
-        assert [message.seq for message in requests] == [0] * (1 if name == "ardupilot" else 2)
+        assert [message.seq for message in requests] == [0] * asked
 
 
 def test_an_item_that_nobody_asked_for_is_an_error() -> None:
@@ -362,70 +360,3 @@ def test_an_acknowledgement_in_the_middle_ends_it_on_px4_only() -> None:
         station.send(station.item(0, row(16, 5, 5, 20)))
         station.pass_time(0.1)
         assert results(station) == [last]
-
-
-WEATHER = st.builds(
-    Weather,
-    lost=st.sampled_from([0.0, 0.1, 0.3]),
-    twice=st.sampled_from([0.0, 0.3]),
-    overtaken=st.sampled_from([0.0, 0.3]),
-    late_s=st.sampled_from([0.0, 0.2, 2.0]),
-)
-
-
-@given(WEATHER, st.integers(0, 1_000), st.integers(2, 8))
-@settings(max_examples=25, deadline=None, derandomize=True)
-def test_px4_never_takes_a_wrong_mission_silently(weather: Weather, seed: int, length: int) -> None:
-    """On any link the mission on board is the old one or the new one, whole; and an accepted id is that of the new."""
-    station = ground("px4", seed=seed)
-    old, new = legs(5, 30.0), legs(length, 60.0)
-    assert station.upload(old) == KEPT
-    vehicle = station.vehicle
-    olds = list(vehicle.flight.items)
-    reference = ground("px4")
-    assert reference.upload(new) == KEPT
-    news = list(reference.vehicle.flight.items)
-    vehicle.inward.weather = vehicle.outward.weather = weather
-    station.heard.clear()
-    result = station.upload(new, within_s=15)
-    assert vehicle.flight.items in (olds, news)
-    accepted = [opaque_id(ack, 4) for ack in station.of("MISSION_ACK") if ack.type == KEPT]
-    assert set(accepted) <= {reference.vehicle.transfer.mission_id}
-    assert result != KEPT or vehicle.flight.items == news
-
-
-@given(WEATHER, st.integers(0, 1_000))
-@settings(max_examples=12, deadline=None, derandomize=True)
-def test_what_is_downloaded_is_what_is_on_board(weather: Weather, seed: int) -> None:
-    for name in BOTH:
-        station = ground(name, seed=seed)
-        rows = legs(6)
-        assert station.upload(rows) == KEPT
-        clear = station.download()
-        station.vehicle.inward.weather = station.vehicle.outward.weather = weather
-        assert station.download(within_s=10) in (None, clear)
-
-
-MESSAGES = st.sampled_from(["count", "item", "list", "request", "request_int", "clear", "ack", "set_current"])
-
-
-@given(st.lists(st.tuples(MESSAGES, st.integers(0, 65_535), st.integers(0, 255)), max_size=30), st.sampled_from(BOTH))
-@settings(max_examples=40, deadline=None, derandomize=True)
-def test_no_order_of_messages_upsets_it(story: list[tuple[str, int, int]], name: PersonalityName) -> None:
-    station = ground(name)
-    x, y = at(5, 5)
-    for kind, number, small in story:
-        message = {
-            "count": lambda n, s: count(n % 12, s % 3),
-            "item": lambda n, s: station.item(n % 5, Row(s, s % 12, x=x, y=y, z=float(n))),
-            "list": lambda _, s: dialect.MAVLink_mission_request_list_message(1, 1, s % 3),
-            "request": lambda n, _: dialect.MAVLink_mission_request_message(1, 1, n, 0),
-            "request_int": lambda n, _: dialect.MAVLink_mission_request_int_message(1, 1, n % 6, 0),
-            "clear": lambda _, s: dialect.MAVLink_mission_clear_all_message(1, 1, s % 3),
-            "ack": lambda _, s: dialect.MAVLink_mission_ack_message(1, 1, s % 16, 0),
-            "set_current": lambda n, _: dialect.MAVLink_mission_set_current_message(1, 1, n % 6),
-        }[kind](number, small)
-        station.send(message)
-        station.pass_time(0.05)
-    station.pass_time(9)
-    assert station.download() is not None
