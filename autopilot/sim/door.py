@@ -10,13 +10,14 @@ Loopback TCP; whoever connects may do anything. A line is an object; each of its
 | `clock_jump_s` | number | SYSTEM_TIME is wrong by this |
 | `reboot` | true or seconds | the autopilot starts again and is silent for so long |
 | `take_gimbal` | [system, component] | another station takes primary control of the gimbal; [0, 0] nobody |
+| `point_gimbal` | [pitch, yaw] | somebody else points it: degrees, up and from the nose clockwise |
 | `gimbal_fitted` | bool | without a gimbal a copter turns its nose |
 | `wind_m_s` | [east, north] | where the air moves to |
 | `mode` | custom_mode | the pilot's switch: the mode by its number |
 | `launch` | metres | the pilot arms and takes off by hand, and stays at that height |
 | `disarm` | true | the motors stop, wherever it is |
 | `link` | object | a bad link, both ways: fields of `lossy.Weather`; `link_in`, `link_out` one way |
-| `unkind` | object | answers to commands: fields of `unkind.Unkind` |
+| `unkind` | object | bad answers: fields of `unkind.Unkind` |
 | `ground_station_lost_s` | seconds or null | the vehicle returns by itself without a ground station for so long |
 | `state` | true | tells where it truly is and what it does |
 | `coverage` | [[latitude, longitude], ...] | tells which part of this region the camera has truly seen |
@@ -36,6 +37,7 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from autopilot.sim.footprints import Footprints, coverage, region_m
+from autopilot.sim.gimbal import Angles
 from autopilot.sim.lossy import Weather
 from autopilot.sim.unkind import Unkind
 from autopilot.sim.vehicle import Vehicle
@@ -136,6 +138,10 @@ def _take_gimbal(vehicle: Vehicle, value: Any) -> None:
     vehicle.desk.primary = int(system) & 0xFF, int(component) & 0xFF
 
 
+def _point_gimbal(vehicle: Vehicle, value: Any) -> None:
+    vehicle.gimbal.aim = Angles(*_numbers(value, 2), False)
+
+
 def _gimbal_fitted(vehicle: Vehicle, value: Any) -> None:
     vehicle.gimbal_fitted = bool(value)
 
@@ -203,6 +209,7 @@ _ORDERS: dict[str, Callable[[Vehicle, Any], None]] = {
     "clock_jump_s": _clock,
     "reboot": _reboot,
     "take_gimbal": _take_gimbal,
+    "point_gimbal": _point_gimbal,
     "gimbal_fitted": _gimbal_fitted,
     "wind_m_s": _wind,
     "mode": _mode,

@@ -1,4 +1,4 @@
-"""What goes wrong with a vehicle's answers to commands, by chance from a seed that the caller holds.
+"""What goes wrong with a vehicle's answers, by chance from a seed that the caller holds.
 
 `answers_of` turns the one answer that a command deserves into those that are sent: none, late, twice,
 after an IN_PROGRESS, never more than that, or beside one from a stranger who says the opposite.
@@ -27,6 +27,7 @@ class Unkind:
     ack_in_progress: float = 0.0  # IN_PROGRESS comes first
     ack_forever: float = 0.0  # IN_PROGRESS comes, and nothing more
     ack_late_s: float = 0.0  # a random part of this
+    mission_ack_lost: float = 0.0  # the end of an upload isn't told
     stream_lost: float = 0.0
     only_long: bool = False  # COMMAND_INT is answered LONG_ONLY
     only_int: bool = False  # COMMAND_LONG is answered INT_ONLY

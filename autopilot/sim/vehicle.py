@@ -274,7 +274,9 @@ class Vehicle:
 
     def _answer_all(self, sent: list[tuple[Address, Any]]) -> None:
         for peer, message in sent:
-            self._queue(peer, message)
+            lost = message.get_type() == "MISSION_ACK" and self._chance.random() < self.unkind.mission_ack_lost
+            if not lost:
+                self._queue(peer, message)
 
     def _stream(self) -> list[Any]:
         """Return the messages that are due for everybody."""

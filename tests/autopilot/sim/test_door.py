@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from autopilot.sim.door import LINE_BYTES, Door, apply
 from autopilot.sim.footprints import Footprints
+from autopilot.sim.gimbal import Angles
 from autopilot.sim.missions import Item
 from autopilot.sim.modes import Doing
 from autopilot.sim.vehicle import Vehicle
@@ -41,6 +42,7 @@ def told(vehicle: Vehicle, order: Any) -> dict[str, Any]:
         ({"gps_fix": 1, "satellites": 3}, lambda v: (v.flight.gps.fix, v.flight.gps.satellites), (1, 3)),
         ({"clock_jump_s": -60}, lambda v: v.clock_jump_s, -60),
         ({"take_gimbal": [255, 190]}, lambda v: v.desk.primary, (255, 190)),
+        ({"point_gimbal": [-30, 40]}, lambda v: v.gimbal.aim, Angles(-30, 40, False)),
         ({"gimbal_fitted": False}, lambda v: v.gimbal_fitted, False),
         ({"wind_m_s": [5, -1]}, lambda v: (v.flight.wind.east_m_s, v.flight.wind.north_m_s), (5, -1)),
         ({"mode": 6}, lambda v: v.flight.doing, Doing.RETURN),

@@ -133,6 +133,20 @@ def test_it_takes_off_and_comes_down(frame: Frame) -> None:
     assert math.hypot(body.east_m_s, body.north_m_s) < 0.1
 
 
+def test_nothing_is_flown_from_the_ground() -> None:
+    """A leg or a point doesn't drag a multirotor along; it has to rise first."""
+    for wish in (Fly(start_m=(0, 0), east_m=50, north_m=0, up_m=0, speed_m_s=5), Down(east_m=50, north_m=0)):
+        assert flown(Multirotor(), Body(), wish, 5) == Body()
+
+
+def test_the_last_metres_of_a_landing_are_slow() -> None:
+    frame, body, sinking_m_s = Multirotor(), Body(up_m=20), 0.0
+    while not body.grounded:
+        sinking_m_s = body.up_m_s
+        flown(frame, body, Down(east_m=0, north_m=0), STEP_S)
+    assert -0.8 < sinking_m_s < -0.5
+
+
 def test_wings_need_speed_to_leave_the_ground() -> None:
     frame, body = FixedWing(), Body()
     while body.grounded:

@@ -342,6 +342,15 @@ def test_the_current_item_that_px4_is_told() -> None:
     assert station.vehicle.flight.runner.current == 2
 
 
+def test_the_end_of_an_upload_may_not_be_told() -> None:
+    """The mission is on board all the same."""
+    for name in BOTH:
+        station = ground(name)
+        station.vehicle.unkind.mission_ack_lost = 1
+        assert station.upload(legs(4), within_s=3) is None
+        assert len(station.vehicle.flight.items) == 4
+
+
 def test_asking_for_what_is_not_there() -> None:
     for name, result in (("ardupilot", BAD_SEQUENCE), ("px4", ERROR)):
         station = ground(name)  # type: ignore[arg-type]
