@@ -180,7 +180,9 @@ class Multirotor:
     def _turn(self, body: Body, wish: Wish) -> None:
         """Point the nose along a leg."""
         body.yaw_deg_s = 0.0
-        if self.nose_at_m is not None and not body.grounded:
+        if body.grounded:
+            return
+        if self.nose_at_m is not None:
             east_m, north_m = self.nose_at_m[0] - body.east_m, self.nose_at_m[1] - body.north_m
             _turn(body, math.degrees(math.atan2(east_m, north_m)), self.turn_deg_s)
         elif isinstance(wish, Fly) and math.hypot(wish.east_m - body.east_m, wish.north_m - body.north_m) > 2.0:

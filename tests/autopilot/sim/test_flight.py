@@ -139,6 +139,13 @@ def test_nothing_is_flown_from_the_ground() -> None:
         assert flown(Multirotor(), Body(), wish, 5) == Body()
 
 
+def test_it_comes_down_over_its_point_only() -> None:
+    frame, body = Multirotor(), Body(up_m=20)
+    while body.up_m > 19:
+        flown(frame, body, Down(east_m=50, north_m=0), STEP_S)
+    assert body.east_m > 47
+
+
 def test_the_last_metres_of_a_landing_are_slow() -> None:
     frame, body, sinking_m_s = Multirotor(), Body(up_m=20), 0.0
     while not body.grounded:
