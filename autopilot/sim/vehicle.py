@@ -17,16 +17,16 @@ from pymavlink.dialects.v20 import common as dialect
 
 from autopilot.geo import LocalFrame
 from autopilot.sim import personality_ardupilot, personality_px4
-from autopilot.sim.aircraft import COMPONENT, HOME, PEER_SILENCE_S, PEERS_MAX, SYSTEM, command_of
+from autopilot.sim.aircraft import COMPONENT, HOME, SYSTEM, command_of
 from autopilot.sim.answers import ACCEPTED, DENIED, FAILED, Command, Desk
 from autopilot.sim.flight import STEP_S, FixedWing, Multirotor
 from autopilot.sim.flying import Flight
 from autopilot.sim.gimbal import Angles, Gimbal
-from autopilot.sim.lossy import Lossy
 from autopilot.sim.missions import ROI_NONE, ROI_OLD, ROI_PLACE, Item
 from autopilot.sim.modes import Doing
 from autopilot.sim.personality_ardupilot import ArduPilot
 from autopilot.sim.personality_px4 import Px4
+from autopilot.sim.post import US, Post
 from autopilot.sim.route import Motion
 from autopilot.sim.transfer import Address, Transfer
 from autopilot.sim.unkind import Unkind, answers_of, form_refused
@@ -62,8 +62,8 @@ class Vehicle:
         self.personality: ArduPilot | Px4 = (ArduPilot if personality == "ardupilot" else Px4)(self.flight, self.desk)
         self.transfer = Transfer(module.RULES, self.flight)
         self.unkind = Unkind()
-        self.inward: Lossy[tuple[Address, bytes]] = Lossy(f"inward {seed}")
-        self.outward: Lossy[tuple[Address, bytes]] = Lossy(f"outward {seed}")
+        self._post = Post(seed)
+        self.inward, self.outward = self._post.inward, self._post.outward
         self.time_s = 0.0
         self.clock_jump_s = 0.0  # how wrong SYSTEM_TIME is
         self.gimbal_fitted = True  # without one a copter turns its nose to what it is to look at
@@ -76,9 +76,6 @@ class Vehicle:
         self._ground_heard_s = 0.0
         self._timesync_s = 0.0
         self._next_s: dict[int, float] = {}
-        self._peers: dict[Address, float] = {}
-        self._answers: list[tuple[float, Address, Any, tuple[int, int]]] = []
-        self._links: dict[tuple[int, int], Any] = {}
 
     @property
     def gimbal(self) -> Gimbal:
@@ -109,8 +106,7 @@ class Vehicle:
 
     def meet(self, peer: Address) -> None:
         """Send to this address from now on; whoever speaks is met by itself."""
-        if peer in self._peers or len(self._peers) < PEERS_MAX:
-            self._peers[peer] = self.time_s
+        self._post.meet(self.time_s, peer)
 
     def hear(self, peer: Address, datagram: bytes) -> None:
         """Take a datagram, when the link lets it through; what isn't MAVLink is dropped."""
@@ -119,16 +115,8 @@ class Vehicle:
 
     def take(self) -> list[tuple[Address, bytes]]:
         """Return the datagrams that have come through the link until now, in order."""
-        self._peers = {peer: at_s for peer, at_s in self._peers.items() if self.time_s - at_s < PEER_SILENCE_S}
-        due = [answer for answer in self._answers if answer[0] <= self.time_s]
-        self._answers = [answer for answer in self._answers if answer[0] > self.time_s]
         if not self._silent:
-            for _, peer, message, source in due:
-                self.outward.put(self.time_s, (peer, self._pack(message, source)))
-            for message in self._stream():
-                packed = self._pack(message, (SYSTEM, COMPONENT))
-                for peer in self._peers:
-                    self.outward.put(self.time_s, (peer, packed))
+            self._post.send(self.time_s, self._stream())
         return self.outward.due(self.time_s)
 
     def reboot(self, silent_s: float = REBOOT_S) -> None:
@@ -141,7 +129,7 @@ class Vehicle:
         self.desk.periods_s = dict(self._unasked_s)
         self.desk.requested.clear()
         self.desk.primary = (0, 0)
-        self._answers.clear()
+        self._post.burn()
         self._next_s.clear()
         self.transfer.forget()
         self.flight.enter(self.personality.first_mode)
@@ -165,13 +153,10 @@ class Vehicle:
 
     def _listen(self) -> None:
         """Take what has come through the link."""
-        for peer, datagram in self.inward.due(self.time_s):
-            reader = dialect.MAVLink(None)
-            reader.robust_parsing = True
-            for message in reader.parse_buffer(datagram) or []:
-                if message.get_type() != "BAD_DATA" and not self._silent:
-                    self.meet(peer)
-                    self._hear(peer, message)
+        for peer, message in self._post.arrived(self.time_s):
+            if not self._silent:
+                self.meet(peer)
+                self._hear(peer, message)
 
     def _hear(self, peer: Address, message: Any) -> None:
         kind = message.get_msgId()
@@ -180,7 +165,7 @@ class Vehicle:
                 self._ground_heard_s = self.time_s
         elif kind == dialect.MAVLINK_MSG_ID_TIMESYNC:
             if message.tc1 == 0:
-                self._queue(peer, dialect.MAVLink_timesync_message(self._boot_ns(), message.ts1))
+                self._post.write(self.time_s, peer, dialect.MAVLink_timesync_message(self._boot_ns(), message.ts1))
         elif kind == dialect.MAVLINK_MSG_ID_SET_MODE:
             self._set_mode(peer, message)
         elif kind in (dialect.MAVLINK_MSG_ID_COMMAND_INT, dialect.MAVLINK_MSG_ID_COMMAND_LONG):
@@ -220,8 +205,7 @@ class Vehicle:
         target = (message.get_srcSystem(), message.get_srcComponent())
         for answer in answers_of(self.unkind, self._chance, result):
             ack = dialect.MAVLink_command_ack_message(command, answer.result, 0, 0, *target)
-            source = answer.source or (SYSTEM, COMPONENT)
-            self._answers.append((self.time_s + answer.after_s, peer, ack, source))
+            self._post.write(self.time_s + answer.after_s, peer, ack, answer.source or US)
 
     def _without_gimbal(self, command: Command) -> int | None:
         """Where no gimbal is fitted, the nose is turned to a place, and angles can't be had."""
@@ -269,14 +253,11 @@ class Vehicle:
     def _boot_ns(self) -> int:
         return max(round((self.time_s - self._booted_s) * 1e9), 0) + 1
 
-    def _queue(self, peer: Address, message: Any) -> None:
-        self._answers.append((self.time_s, peer, message, (SYSTEM, COMPONENT)))
-
     def _answer_all(self, sent: list[tuple[Address, Any]]) -> None:
         for peer, message in sent:
             lost = message.get_type() == "MISSION_ACK" and self._chance.random() < self.unkind.mission_ack_lost
             if not lost:
-                self._queue(peer, message)
+                self._post.write(self.time_s, peer, message)
 
     def _stream(self) -> list[Any]:
         """Return the messages that are due for everybody."""
@@ -323,9 +304,3 @@ class Vehicle:
             if self.time_s >= next_s:
                 self._next_s[message_id] = max(next_s + period_s, self.time_s)
                 yield message_id
-
-    def _pack(self, message: Any, source: tuple[int, int]) -> bytes:
-        link = self._links.setdefault(source, dialect.MAVLink(None, *source))
-        packed = bytes(message.pack(link))
-        link.seq = (link.seq + 1) % 256
-        return packed
