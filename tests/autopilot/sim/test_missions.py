@@ -7,7 +7,7 @@ import math
 import pytest
 
 from autopilot.sim.aircraft import HOME
-from tests.autopilot.sim.ground import ARM, MODE, START, Ground, Row, ground, row
+from tests.autopilot.sim.ground import ARM, MODE, START, Ground, Row, at, ground, row
 
 HOME_UP_M = HOME[2]
 TAKE_OFF = row(22, 0, 0, 20)
@@ -116,3 +116,42 @@ def test_speed_of_a_mission_is_forgotten_in_another_mode() -> None:
     assert station.long(MODE, 1, 5) + station.long(MODE, 1, 3) == [0, 0]
     station.pass_time(6)
     assert station.vehicle.flight.body.east_m_s == pytest.approx(8, abs=0.2)
+
+
+def test_an_interrupted_mission_is_told_as_such_and_goes_on_from_where_it_is() -> None:
+    """Not along the line of the leg that it left: straight from where it was put meanwhile."""
+    station = started(row(16, 60, 0, 20), row(16, 60, 100, 20))
+    states = []
+    station.until(lambda: station.vehicle.flight.body.north_m > 10)
+    for mode in (3, 4, 3):
+        assert station.long(MODE, 1, mode) == [0]
+        if mode == 4:
+            assert station.by_int(192, 3, *at(-40, 10), 20) == [0]
+            station.pass_time(25)
+        assert station.long(512, 42) == [0]
+        states.append(station.of("MISSION_CURRENT")[-1].mission_state)
+    assert states == [3, 4, 3]
+    station.until(lambda: station.vehicle.flight.body.north_m > 55)
+    assert station.vehicle.flight.body.east_m == pytest.approx(10, abs=3)
+
+
+def test_an_upload_while_another_mode_flies_moves_nothing() -> None:
+    station = started(row(16, 60, 0, 20), row(16, 60, 100, 20))
+    reached(station, 2)
+    assert station.long(MODE, 1, 5) == [0]
+    aim = station.vehicle.gimbal.aim
+    assert station.upload([row(16, 0, 0, 0), row(195, 5, 5, 0), row(16, 0, 0, 20)]) == 0
+    station.pass_time(1)
+    assert station.vehicle.gimbal.aim == aim
+
+
+def test_a_second_return_is_a_whole_one() -> None:
+    station = started(row(16, 30, 0, 20))
+    reached(station, 2)
+    assert station.long(20) == [0]
+    station.until(lambda: station.vehicle.flight.landed_state == 4)
+    assert station.by_int(192, 3, *at(30, 0), 5, -1, 1) == [0]
+    station.pass_time(12)
+    assert station.long(20) == [0]
+    station.until(lambda: not station.vehicle.flight.armed)
+    assert station.vehicle.flight.body.east_m == pytest.approx(0, abs=0.5)
