@@ -211,9 +211,8 @@ class Transfer:
         items = self._board.items
         if message.seq >= len(items):
             return [self._answer(peer, message, INVALID_SEQUENCE if self.rules.home_first else ERROR)]
-        item = self._board.home_item() if self.rules.home_first and message.seq == 0 else items[message.seq]
         as_int = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT
-        return [(peer, _told(item, message.seq, _sender(message), as_int))]
+        return [(peer, _told(items[message.seq], message.seq, _sender(message), as_int))]
 
     def _clear(self, now_s: float, peer: Address, message: Any) -> list[Sent]:
         del now_s

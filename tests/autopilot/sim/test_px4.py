@@ -93,6 +93,11 @@ def test_answers_without_a_mission(story: str) -> None:
     check_px4(story, with_mission=False)
 
 
+def test_why_no_mission_is_started_is_told() -> None:
+    station = check_px4("300 0 0 | 2 | 1 0 | disarmed", with_mission=False)
+    assert station.texts() == ["Mission start denied! No valid mission"]
+
+
 def test_a_flight_by_commands() -> None:
     station = check_px4(
         """

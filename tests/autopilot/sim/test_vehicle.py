@@ -193,6 +193,7 @@ def test_a_reboot_in_flight(name: PersonalityName) -> None:
     station.pass_time(2.8)
     assert station.heard == []
     station.pass_time(2)
+    assert station.of("COMMAND_ACK") == []  # what came while it was silent wasn't heard
     assert station.of("HEARTBEAT")[-1].base_mode & 128
     assert station.of("HEARTBEAT")[-1].custom_mode == station.vehicle.personality.modes[Doing.MANUAL]
     assert station.of("GIMBAL_DEVICE_ATTITUDE_STATUS") == []
@@ -202,6 +203,15 @@ def test_a_reboot_in_flight(name: PersonalityName) -> None:
     rows = station.download()
     assert rows is not None
     assert len(rows) == 3
+
+
+def test_a_reboot_forgets_answers_that_were_late() -> None:
+    station = ground()
+    station.vehicle.unkind.ack_late_s = 20
+    station.long(197)
+    station.vehicle.reboot()
+    station.pass_time(25)
+    assert station.of("COMMAND_ACK") == []
 
 
 def test_a_reboot_ends_an_upload() -> None:
