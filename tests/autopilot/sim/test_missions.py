@@ -153,5 +153,6 @@ def test_a_second_return_is_a_whole_one() -> None:
     assert station.by_int(192, 3, *at(30, 0), 5, -1, 1) == [0]
     station.pass_time(12)
     assert station.long(20) == [0]
+    station.until(lambda: station.vehicle.flight.body.up_m > 14, 30)
     station.until(lambda: not station.vehicle.flight.armed)
     assert station.vehicle.flight.body.east_m == pytest.approx(0, abs=0.5)
