@@ -107,7 +107,7 @@ class Aircraft:
         """Another system's command is not ours; any component's is executed (there is no other on this bus)."""
         if message.target_system not in (0, SYSTEM):
             return
-        result = self._desk.answer(_command_of(message))
+        result = self._desk.answer(command_of(message))
         sender = (message.get_srcSystem(), message.get_srcComponent())
         delay_s = self._chance.random() * self.unkind.answer_late_s
         if self._chance.random() < self.unkind.in_progress:
@@ -153,8 +153,8 @@ class Aircraft:
         return packed
 
 
-def _command_of(message: Any) -> Command:
-    """Return either form of a command as one."""
+def command_of(message: Any) -> Command:
+    """Return COMMAND_INT or COMMAND_LONG as one."""
     shared = (message.param1, message.param2, message.param3, message.param4)
     if message.get_msgId() == dialect.MAVLINK_MSG_ID_COMMAND_INT:
         frame, last = message.frame, (message.x / 1e7, message.y / 1e7, message.z)

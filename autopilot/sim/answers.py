@@ -51,6 +51,7 @@ class Desk:
     requested: list[int] = field(default_factory=list)  # messages to send once
     texts: list[str] = field(default_factory=list)  # STATUSTEXT to send
     primary: tuple[int, int] = (0, 0)  # who says that it controls the gimbal
+    known: frozenset[int] = frozenset(BUILDERS)  # messages that can be asked for
 
     def answer(self, command: Command) -> int:
         """Do it and return the MAV_RESULT."""
@@ -94,7 +95,7 @@ class Desk:
 
     def _interval(self, command: Command) -> int:
         message_id = _whole(command.p1)
-        if message_id not in BUILDERS:
+        if message_id not in self.known:
             self.texts.append(f"No ap_message for mavlink id ({message_id})")
             return DENIED
         if not math.isfinite(command.p2):
@@ -109,7 +110,7 @@ class Desk:
         message_id = _whole(command.p1)
         if message_id == CAMERA_INFORMATION:
             return ACCEPTED  # and nothing follows
-        if message_id not in BUILDERS:
+        if message_id not in self.known:
             return FAILED
         self.requested.append(message_id)
         return ACCEPTED

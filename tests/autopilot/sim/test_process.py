@@ -14,7 +14,9 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from autopilot.sim.aircraft import Aircraft
-from autopilot.sim.process import Simulation
+from autopilot.sim.process import Simulation, craft_of, parser
+from autopilot.sim.route import Route
+from autopilot.sim.vehicle import Vehicle
 from autopilot.sim.world import World
 from autopilot.trust.clock import HostClock
 from autopilot.wire.detections_pb2 import DetectionBatch
@@ -103,6 +105,53 @@ def test_a_process_of_its_own() -> None:
                 await process.wait()
 
     asyncio.run(story())
+
+
+@pytest.mark.whole
+def test_a_vehicle_is_flown_faster_than_time_and_its_footprints_are_kept() -> None:
+    async def story() -> None:
+        vehicle = Vehicle(1)
+        vehicle.gimbal.pitch_deg = -90
+        running = Simulation(vehicle, World(1, Route(1, 60)), HostClock(), speed_up=20)
+        await running.start()
+        vehicle.launch(20)
+        async with asyncio.timeout(WITHIN_S):
+            reader, writer = await asyncio.open_connection("127.0.0.1", running.eyes_port)
+            while vehicle.motion.up_m < 19:
+                last = await batch_from(reader)
+            writer.close()
+        assert last.model == "simulated"
+        assert vehicle.time_s > 7
+        heights_m = [one.height_m for one in running.footprints.seen]
+        assert heights_m == sorted(heights_m)
+        assert heights_m[0] >= 1
+        await running.stop()
+
+    asyncio.run(story())
+
+
+@pytest.mark.parametrize(
+    ("options", "kind"),
+    [
+        ([], Aircraft),
+        (["--pilot", "self", "--answer-lost", "0.5"], Aircraft),
+        (["--pilot", "node", "--answer-lost", "0.5"], Vehicle),
+    ],
+)
+def test_who_flies(options: list[str], kind: type) -> None:
+    arguments = parser().parse_args(["--mavlink-port", "0", "--eyes-port", "0", *options])
+    assert type(craft_of(arguments, HostClock())) is kind
+
+
+def test_what_the_options_make_of_a_vehicle() -> None:
+    options = ["--pilot", "node", "--personality", "px4", "--frame", "plane", "--home", "10", "20", "30"]
+    options += ["--answer-lost", "0.1", "--answer-late", "2", "--in-progress", "0.3", "--stream-lost", "0.4"]
+    vehicle = craft_of(parser().parse_args(["--mavlink-port", "0", "--eyes-port", "0", *options]), HostClock())
+    assert isinstance(vehicle, Vehicle)
+    unkind = vehicle.unkind
+    assert (unkind.ack_lost, unkind.ack_late_s, unkind.ack_in_progress, unkind.stream_lost) == (0.1, 2, 0.3, 0.4)
+    assert (vehicle.personality.autopilot, vehicle.flight.frame.hovers) == (12, False)
+    assert (vehicle.home.latitude_deg, vehicle.home.longitude_deg, vehicle.home.altitude_m) == (10, 20, 30)
 
 
 @pytest.mark.whole
