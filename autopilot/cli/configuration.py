@@ -31,7 +31,7 @@ VARIABLE = "AUTOPILOT_CONFIG"
 EX_CONFIG = 78
 
 OWN_PATHS: tuple[Key, ...] = (("node", "keys"), ("node", "flights"), ("node", "projections"))
-INPUT_PATHS: tuple[Key, ...] = (("eyes", "path"), ("eyes", "model"))
+INPUT_PATHS: tuple[Key, ...] = (("eyes", "path"), ("eyes", "model"), ("mission", "file"), ("mission", "token_file"))
 
 S = TypeVar("S", bound=Section)
 Tables = dict[str, Any]
