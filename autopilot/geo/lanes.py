@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import shapely
 from shapely.affinity import affine_transform
@@ -120,7 +121,7 @@ def _looks_at(part: BaseGeometry, flyable: MultiPolygon) -> Iterator[Lane]:
     """Yield lanes that may see a piece of ground: along it through its middle, and along the margin beside it."""
     box = part.minimum_rotated_rectangle
     corners = list(getattr(box, "exterior", box).coords)
-    sides = [(one, other) for one, other in zip(corners, corners[1:3], strict=False) if math.dist(one, other) > 0]
+    sides = [(one, other) for one, other in pairwise(corners[:3]) if math.dist(one, other) > 0]
     inner = part.representative_point()
     anchors = [part.centroid, nearest_points(flyable, part.centroid)[0], nearest_points(flyable, inner)[0]]
     for one, other in sides:
@@ -131,7 +132,7 @@ def _looks_at(part: BaseGeometry, flyable: MultiPolygon) -> Iterator[Lane]:
     beside = part.buffer(2 * SPOT_M).intersection(flyable.boundary)
     for edge in getattr(beside, "geoms", (beside,)):
         if isinstance(edge, LineString) and edge.length > 0:
-            yield from (_lane(one, other) for one, other in zip(edge.coords, edge.coords[1:], strict=False))
+            yield from (_lane(one, other) for one, other in pairwise(edge.coords))
     spot = anchors[1]
     yield _lane((spot.x, spot.y), (spot.x, spot.y))
 

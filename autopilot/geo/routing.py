@@ -11,7 +11,7 @@ import heapq
 import math
 from collections.abc import Iterator
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, pairwise
 
 from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
@@ -85,7 +85,7 @@ class Router:
 
 def path_length_m(path: tuple[Metres, ...]) -> float:
     """Return the length of the straight legs through these points."""
-    return sum(math.dist(one, other) for one, other in zip(path, path[1:], strict=False))
+    return sum(math.dist(one, other) for one, other in pairwise(path))
 
 
 def _reflex(part: Polygon) -> Iterator[Metres]:
@@ -102,7 +102,8 @@ def _reflex(part: Polygon) -> Iterator[Metres]:
 
 def _shortest(graph: dict[int, list[tuple[int, float]]], begin: int, finish: int) -> list[int] | None:
     """Return the nodes of the shortest way, both ends included (Dijkstra, 1959)."""
-    best, before, queue = {begin: 0.0}, {}, [(0.0, begin)]
+    best, queue = {begin: 0.0}, [(0.0, begin)]
+    before: dict[int, int] = {}
     while queue:
         length_m, node = heapq.heappop(queue)
         if node == finish:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 from shapely.geometry import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
@@ -126,7 +127,7 @@ def path_time_s(path: tuple[Metres, ...], flying: Flying, wind: Wind) -> float:
     """Return how long straight legs take; a leg that the wind forbids counts as flown at a tenth of the speed."""
     return sum(
         math.dist(one, other) / _ground_speed_mps(one, other, flying, wind)
-        for one, other in zip(path, path[1:], strict=False)
+        for one, other in pairwise(path)
         if one != other
     )
 
@@ -161,7 +162,7 @@ def _headings(ground: MultiPolygon, wind: Wind) -> Iterator[float]:
     if wind.speed_mps > 0:
         yield wind.from_deg % 180
     corners = list(getattr(ground.convex_hull, "exterior").coords)  # noqa: B009 - the hull of an area is a polygon
-    edges = sorted(zip(corners, corners[1:], strict=False), key=lambda edge: -math.dist(*edge))
+    edges = sorted(pairwise(corners), key=lambda edge: -math.dist(*edge))
     for (east, north), (to_east, to_north) in edges[:HEADINGS_MAX]:
         yield math.degrees(math.atan2(to_east - east, to_north - north)) % 180
 

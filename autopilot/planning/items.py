@@ -4,7 +4,7 @@
 |---|---|
 | waypoint | one NAV_WAYPOINT |
 | region_search | NAV_WAYPOINTs of the sweep, with the ways to it and on from it |
-| search (the seed has no row for it) | copter: one NAV_WAYPOINT that holds; plane: NAV_WAYPOINTs once around the place |
+| search (no row in the seed) | copter: one NAV_WAYPOINT that holds; plane: NAV_WAYPOINTs once around the place |
 | return | one NAV_RETURN_TO_LAUNCH, or one NAV_LAND at the item's own place |
 | target_follow_breakpoint | none; where it stood is kept |
 | cruise_speed_mps | one DO_CHANGE_SPEED before the item's own |
@@ -12,14 +12,14 @@
 A copter's plan begins with NAV_TAKEOFF and ends with NAV_LAND; a plane's does neither. Only commands of the seed's list
 are used, which is why a plane circles a place on waypoints.
 
-One departure: the seed wants the speed of DO_CHANGE_SPEED "in param_1". In MAVLink (message MISSION_ITEM_INT, command
-178) parameter 1 is the kind of speed and parameter 2 the speed in m/s; a vehicle that is sent the seed's form would keep
-its speed. So the speed is in parameter 2.
+One departure: the seed wants the speed of DO_CHANGE_SPEED "in param_1". In MAVLink (MAV_CMD 178) parameter 1 is the
+kind of speed and parameter 2 the speed in m/s; sent the seed's form, a vehicle would keep its speed, or take one of 0.
+So the speed is in parameter 2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -110,22 +110,15 @@ def numbered(items: Iterable[PlannedItem]) -> tuple[PlannedItem, ...]:
     )
 
 
-def for_vehicle(items: Sequence[PlannedItem], home: Spot, autopilot: Autopilot) -> tuple[PlannedItem, ...]:
-    """Return the items as this autopilot wants them uploaded.
-
-    ArduPilot keeps home at 0 whatever is sent there, so a placeholder goes first; and where it has no use for a yaw it
-    reads NaN back as 0, so 0 is what it is sent. PX4 takes the plan as it is: there 0 would be a yaw to the north.
-    """
-    if autopilot == "px4":
-        return numbered(items)
-    placeholder = _at(NAV_WAYPOINT, replace(home, height_mm=0), "", _NOTHING)
-    return numbered([placeholder, *_without_nan(items)])
+def placeholder(home: Spot) -> PlannedItem:
+    """Return what stands for home at the head of an upload."""
+    return _at(NAV_WAYPOINT, replace(home, height_mm=0), "", _NOTHING)
 
 
-def _without_nan(items: Iterable[PlannedItem]) -> Iterator[PlannedItem]:
-    for item in items:
-        first, second, third, fourth = item.params
-        yield replace(item, params=(first, second, third, fourth or 0.0))
+def without_nan(item: PlannedItem) -> PlannedItem:
+    """Return the item with 0 in the place of NaN."""
+    first, second, third, fourth = item.params
+    return replace(item, params=(first, second, third, fourth or 0.0))
 
 
 def _at(command: int, spot: Spot, source: str, params: Params) -> PlannedItem:

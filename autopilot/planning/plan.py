@@ -1,8 +1,8 @@
 """A whole mission planned: its items for the vehicle, what is searched, how far and how long it is, and what to know.
 
-Legs between authored places are flown straight, as they were drawn; one that breaks a fence is refused, with the corners
-of a way around it. The ways to, within and on from a searched region are the node's own, and go around by themselves.
-Times are estimates: cruise speed, the configured wind, turns; no climb, no acceleration.
+Legs between authored places are flown straight, as they were drawn; one that breaks a fence is refused, with the
+corners of a way around it. The ways to, within and on from a searched region are the node's own, and go around by
+themselves. Times are estimates: cruise speed, the configured wind, turns; no climb, no acceleration.
 """
 
 from __future__ import annotations
@@ -13,7 +13,17 @@ from dataclasses import dataclass
 from autopilot.geo.routing import TooManyCorners
 from autopilot.geo.sweep import Sweep
 from autopilot.planning.course import Course, Leg
-from autopilot.planning.items import NAV_LAND, PlannedItem, Spot, land, numbered, takeoff
+from autopilot.planning.items import (
+    NAV_LAND,
+    Autopilot,
+    PlannedItem,
+    Spot,
+    land,
+    numbered,
+    placeholder,
+    takeoff,
+    without_nan,
+)
 from autopilot.planning.site import Site, lay_out
 from autopilot.ports.config import MissionSection
 from autopilot.wire.mission import Mission, MissionLimits, MissionProblem, MissionRefused
@@ -106,6 +116,17 @@ def make_plan(
             "search from higher up, split the mission, or raise max_planned",
         )
     return made
+
+
+def for_vehicle(plan: Plan, autopilot: Autopilot) -> tuple[PlannedItem, ...]:
+    """Return the plan's items as this autopilot wants them uploaded.
+
+    ArduPilot keeps home at 0 whatever is sent there, so a placeholder goes first; and it reads a yaw of NaN back as 0,
+    so 0 is what it is sent. PX4 takes the plan as it is: there 0 would be a yaw to the north.
+    """
+    if autopilot == "px4":
+        return plan.items
+    return numbered([placeholder(plan.home), *map(without_nan, plan.items)])
 
 
 def _refused(path: str, reason: str, fix: str) -> MissionRefused:

@@ -223,7 +223,7 @@ class ScanSection(Section):
 
 
 class MissionSection(Section):
-    """Where the mission comes from, how large it may be, and how it is flown. Without `url` and `file` there is none."""
+    """Where the mission comes from, how large it may be, how it is flown. Without `url` and `file` there is none."""
 
     url: str = Field("", description="The mission office, e.g. http://10.13.0.1:8088; /missions/ID is asked under it.")
     mission_id: str = Field("", description="UUID of the mission that the office is asked for.")
