@@ -208,7 +208,7 @@ def _handler_of(office: Office) -> type[BaseHTTPRequestHandler]:
                 return
             self._answer(*office.post(parts[1], self.headers.get("Idempotency-Key", ""), body))
 
-        def log_message(self, format: str, *args: Any) -> None:
+        def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name in http.server
             """Say nothing: `asked` and `answered` count."""
 
         def _begin(self, method: str) -> list[str] | None:

@@ -173,9 +173,12 @@ class MissionsAdapter:
         if not self._settings.url:
             await self._posted(seq, "the mission comes from a file: there is no office to ask")
             return
+        home = self._home()
+        if self._plan is None and home is not None:  # it was fetched before a restart
+            await self._planned(seq, home)
         plan = self._plan
         if plan is None or plan.mission.mission_id != effect.mission_id.lower():
-            await self._posted(seq, "this mission has not been fetched since the start")
+            await self._posted(seq, "this mission can't be had from the office")
             return
         key, body = waypoint_request(seq, effect, plan)
         wait_s = self._settings.retry_first_s

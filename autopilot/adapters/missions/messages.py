@@ -43,7 +43,7 @@ def planned(
         items=[_item(item, home_mm, place_of) for item in plan.items],
         fences=_fences(plan, home_mm, place_of),
         return_place=return_place,
-        breakpoints=[breakpoint.seq for breakpoint in plan.breakpoints],
+        breakpoints=[marker.seq for marker in plan.breakpoints],
         effect_seq=seq,
         fixed_wing=plan.airframe == "plane",
     )
