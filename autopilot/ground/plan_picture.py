@@ -158,7 +158,7 @@ def _names(sheet: Sheet, frame: Frame, plan: Plan) -> None:
         index = next(index for index, item in enumerate(plan.mission.items) if item.id == leg.source)
         east, north = max((corner[:2] for part in sweep.region.geoms for corner in part.exterior.coords), key=_north_of)
         x, y = frame.at((east, north))
-        words = f"[{index}] search from {leg.height_m:g} m, {100 * sweep.coverage:.0f} % seen"
+        words = f"[{index}] search from {leg.height_m:g} m, {math.floor(1000 * sweep.coverage) / 10:g} % seen"
         sheet.text((x, y - 12), words, 15, LANE, "end" if x > WIDTH_PX / 4 else "start", bold=True)
     _home(sheet, frame.at((0.0, 0.0)))
 

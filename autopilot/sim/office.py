@@ -75,7 +75,7 @@ class Office:
         self._lock = threading.Lock()
         self._missions = {str(tree["mission_id"]).lower(): _Kept(tree) for tree in missions}
         self._closing = threading.Event()
-        self._server: ThreadingHTTPServer | None = None
+        self._server: _Server | None = None
         self._thread: threading.Thread | None = None
 
     @property
@@ -86,8 +86,7 @@ class Office:
 
     def start(self, port: int = 0) -> None:
         """Listen; 0 lets the system choose. Raises OSError where the port is taken."""
-        self._server = ThreadingHTTPServer((LOOPBACK, port), _handler_of(self))
-        self._server.daemon_threads = True
+        self._server = _Server(self, port)
         self._thread = threading.Thread(target=self._server.serve_forever, name="office", daemon=True)
         self._thread.start()
 
@@ -168,83 +167,94 @@ def _inserted(known: _Kept, body: bytes) -> tuple[int, dict[str, Any]]:
     return HTTPStatus.CREATED, {"mission_id": known.tree["mission_id"], "revision": known.revision}
 
 
-def _handler_of(office: Office) -> type[BaseHTTPRequestHandler]:
-    """Return what serves one connection of this office."""
+class _Server(ThreadingHTTPServer):
+    """A server that knows its office."""
 
-    class Handler(BaseHTTPRequestHandler):
-        """One request after the other, HTTP/1.1."""
+    daemon_threads = True
 
-        protocol_version = "HTTP/1.1"
-        timeout = 30.0
+    def __init__(self, office: Office, port: int) -> None:
+        self.office = office
+        super().__init__((LOOPBACK, port), _Handler)
 
-        def do_GET(self) -> None:
-            """Hand out a mission."""
-            parts = self._begin("GET")
-            found = office.get(parts[1]) if parts is not None and len(parts) == 2 else None
-            if parts is None:
-                return
-            if found is None:
-                self._answer(HTTPStatus.NOT_FOUND, {"error": "there is no such mission"})
-                return
-            data, etag = found
-            if self.headers.get("If-None-Match") == etag and not office.faults.no_etag:
-                self._send(HTTPStatus.NOT_MODIFIED, b"", etag)
-                return
-            self._send(HTTPStatus.OK, data + b" " * office.faults.padding_bytes, etag)
 
-        def do_POST(self) -> None:
-            """Take a waypoint."""
-            length = self.headers.get("Content-Length", "")
-            if not (length.isascii() and length.isdigit() and int(length) <= BODY_BYTES_MAX):
-                self.close_connection = True
-                self._answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "a waypoint is smaller than that"})
-                return
-            body = self.rfile.read(int(length))
-            parts = self._begin("POST")
-            if parts is None:
-                return
-            if len(parts) != 3 or parts[2] != "waypoints":
-                self._answer(HTTPStatus.NOT_FOUND, {"error": "there is nothing like that here"})
-                return
-            self._answer(*office.post(parts[1], self.headers.get("Idempotency-Key", ""), body))
+class _Handler(BaseHTTPRequestHandler):
+    """One request after the other, HTTP/1.1."""
 
-        def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name in http.server
-            """Say nothing: `asked` and `answered` count."""
+    protocol_version = "HTTP/1.1"
+    timeout = 30.0
 
-        def _begin(self, method: str) -> list[str] | None:
-            """Return the parts of the path; None where the request is spoilt or not allowed, and answered."""
-            office.asked[method] += 1
-            office.rest()
-            if office.token and self.headers.get("Authorization") != f"Bearer {office.token}":
-                self._answer(HTTPStatus.UNAUTHORIZED, {"error": "say who you are"})
-                return None
-            if office.faults.spoil("failing"):
-                self._answer(HTTPStatus.INTERNAL_SERVER_ERROR, {"error": "the office has a bad day"})
-                return None
-            parts = self.path.strip("/").split("/")
-            return parts if parts[0] == "missions" else [""]
+    @property
+    def _office(self) -> Office:
+        """Return whose connection it is."""
+        assert isinstance(self.server, _Server)
+        return self.server.office
 
-        def _answer(self, status: int, answer: dict[str, Any]) -> None:
-            self._send(status, json.dumps(answer).encode(), "")
+    def do_GET(self) -> None:
+        """Hand out a mission."""
+        parts = self._begin("GET")
+        found = self._office.get(parts[1]) if parts is not None and len(parts) == 2 else None
+        if parts is None:
+            return
+        if found is None:
+            self._answer(HTTPStatus.NOT_FOUND, {"error": "there is no such mission"})
+            return
+        data, etag = found
+        if self.headers.get("If-None-Match") == etag and not self._office.faults.no_etag:
+            self._send(HTTPStatus.NOT_MODIFIED, b"", etag)
+            return
+        self._send(HTTPStatus.OK, data + b" " * self._office.faults.padding_bytes, etag)
 
-        def _send(self, status: int, data: bytes, etag: str) -> None:
-            """Send an answer, or as much of it as the faults leave."""
-            office.answered[int(status)] += 1
-            if office.faults.spoil("dropping"):
-                self.close_connection = True
-                return
-            half = bool(data) and office.faults.spoil("truncated")
-            with contextlib.suppress(OSError):  # whoever asked has hung up
-                self.send_response(status)
-                self.send_header("Content-Type", "application/json")
-                self.send_header("Content-Length", str(len(data)))
-                if etag and not office.faults.no_etag:
-                    self.send_header("ETag", etag)
-                self.end_headers()
-                self.wfile.write(data[: len(data) // 2] if half else data)
-            self.close_connection = self.close_connection or half
+    def do_POST(self) -> None:
+        """Take a waypoint."""
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdigit() and int(length) <= BODY_BYTES_MAX):
+            self.close_connection = True
+            self._answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "a waypoint is smaller than that"})
+            return
+        body = self.rfile.read(int(length))
+        parts = self._begin("POST")
+        if parts is None:
+            return
+        if len(parts) != 3 or parts[2] != "waypoints":
+            self._answer(HTTPStatus.NOT_FOUND, {"error": "there is nothing like that here"})
+            return
+        self._answer(*self._office.post(parts[1], self.headers.get("Idempotency-Key", ""), body))
 
-    return Handler
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name in http.server
+        """Say nothing: `asked` and `answered` count."""
+
+    def _begin(self, method: str) -> list[str] | None:
+        """Return the parts of the path; None where the request is spoilt or not allowed, and answered."""
+        self._office.asked[method] += 1
+        self._office.rest()
+        if self._office.token and self.headers.get("Authorization") != f"Bearer {self._office.token}":
+            self._answer(HTTPStatus.UNAUTHORIZED, {"error": "say who you are"})
+            return None
+        if self._office.faults.spoil("failing"):
+            self._answer(HTTPStatus.INTERNAL_SERVER_ERROR, {"error": "the office has a bad day"})
+            return None
+        parts = self.path.strip("/").split("/")
+        return parts if parts[0] == "missions" else [""]
+
+    def _answer(self, status: int, answer: dict[str, Any]) -> None:
+        self._send(status, json.dumps(answer).encode(), "")
+
+    def _send(self, status: int, data: bytes, etag: str) -> None:
+        """Send an answer, or as much of it as the faults leave."""
+        self._office.answered[int(status)] += 1
+        if self._office.faults.spoil("dropping"):
+            self.close_connection = True
+            return
+        half = bool(data) and self._office.faults.spoil("truncated")
+        with contextlib.suppress(OSError):  # whoever asked has hung up
+            self.send_response(status)
+            self.send_header("Content-Type", "application/json")
+            self.send_header("Content-Length", str(len(data)))
+            if etag and not self._office.faults.no_etag:
+                self.send_header("ETag", etag)
+            self.end_headers()
+            self.wfile.write(data[: len(data) // 2] if half else data)
+        self.close_connection = self.close_connection or half
 
 
 def parser() -> argparse.ArgumentParser:

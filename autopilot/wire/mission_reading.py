@@ -74,7 +74,7 @@ def read_mission(data: bytes, limits: MissionLimits) -> Mission | MissionRefused
         return _refused("$", f"is no JSON: {error}", "correct it there; an end that is missing was probably cut off")
     if (other := _other_major(tree)) is not None:
         return other
-    problems = tuple(_problems(tree, limits))[:PROBLEMS_MAX]
+    problems = tuple(dict.fromkeys(_problems(tree, limits)))[:PROBLEMS_MAX]
     return MissionRefused(problems) if problems else _mission(tree)
 
 
@@ -168,7 +168,7 @@ def _in_words(error: ValidationError) -> Iterator[MissionProblem]:
             kind = error.instance.get("kind")
             needed = f" in a {kind}" if "kind" in error.instance and name in ("at", "region") else ""
             yield MissionProblem(path=f"{path}.{name}", reason=f"is missing{needed}", fix=_FIXES.get(name, "add it"))
-        case None:  # a part of the schema that is `false`
+        case "not":  # the schema's word for "never"
             yield MissionProblem(path=path, reason="does not belong to an item of this kind", fix="remove it")
         case _:
             yield MissionProblem(path=path, reason=_reason(error), fix=_fix(error))
