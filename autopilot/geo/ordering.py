@@ -76,12 +76,18 @@ def _tour(cells: Sequence[Cell], first: Cell, way: list[Stretch], length_m: Leng
 
 def _with(flown: list[Stretch], lane: Lane, start: Metres, length_m: LengthM) -> list[Stretch]:
     """Return the tour with one more lane, where and in the direction that it costs the least."""
-    tours = [
-        [*flown[:place], stretch, *flown[place:]]
-        for place in range(len(flown) + 1)
-        for stretch in ((lane.start, lane.end), (lane.end, lane.start))
-    ]
-    return min(tours, key=lambda tour: _between_m(start, tour, length_m))
+    ends = [start, *(end for _, end in flown)]
+    begins: list[Metres | None] = [*(begin for begin, _ in flown), None]
+
+    def detour_m(place: int, stretch: Stretch, between: LengthM) -> float:
+        before, after = ends[place], begins[place]
+        there_m = between(before, stretch[0])
+        return there_m if after is None else there_m + between(stretch[1], after) - between(before, after)
+
+    ways = [(place, way) for place in range(len(ends)) for way in ((lane.start, lane.end), (lane.end, lane.start))]
+    ways.sort(key=lambda one: detour_m(*one, math.dist))
+    place, way = min(ways[:_ROUTED], key=lambda one: detour_m(*one, length_m))
+    return [*flown[:place], way, *flown[place:]]
 
 
 def _between_m(start: Metres, tour: Sequence[Stretch], length_m: LengthM) -> float:

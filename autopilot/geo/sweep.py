@@ -3,8 +3,8 @@
 Which way. Of the directions that a lane could take, the least flying time is had along an edge of the region's hull
 (the fewest rows lie along one: Huang, 2001), or along the wind's axis: there a fixed wing has no crab, so its picture
 stays square to the track and the rows may lie farther apart. So these are tried, each with its rows, its ground
-speeds against and with the wind and its turns, and the quickest is taken. A multirotor holds speed over ground and
-points its nose along the track, so the wind does not count for it until it is stronger than it can hold.
+speeds against and with the wind and its turns, and the quickest is taken. A multirotor holds its speed over ground
+and points its nose along the track, so to it the wind's axis is one direction like any other.
 
 The region is what the fences leave of it. Every lane and every way between lanes keeps the margin.
 """
@@ -28,6 +28,8 @@ from autopilot.geo.wind import Wind, on_track
 
 HEADINGS_MAX = 12  # edges of a hull that are tried, the longest first
 ROWS_MAX = 1000  # more rows than a battery can fly, and than a small computer plans in a minute
+
+_NO_ROOM = "no lane in it keeps the margin from the fences; lower fence_margin_m, or change the fences"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,10 +99,12 @@ def sweep(
         raise NoSweep("the fences leave nothing of it; move the region, or change the fences")
     course = _quickest(ground, level, side_overlap, flying, wind)
     room = _within_reach(airspace, router, start)
+    if room.is_empty:
+        raise NoSweep(_NO_ROOM)
     lanes = parallel_lanes(ground, room, course.heading_deg, course.spacing_m)
     lanes += patches(ground, room, lanes, course.seen)
     if not lanes:
-        raise NoSweep("no lane in it keeps the margin from the fences; lower fence_margin_m, or change the fences")
+        raise NoSweep(_NO_ROOM)
     order = in_order([_run_in(lane, flying, airspace) for lane in lanes], start, router)
     path = tuple(_joined(order, start, router))
     return Sweep(
@@ -183,8 +187,6 @@ def _course(
         if turned is None:
             return None
         seen = turned
-    elif wind.speed_mps >= flying.speed_mps:
-        return None
     spacing_m = seen.across_m * (1 - side_overlap)
     rows = rows_of(ground, heading_deg, spacing_m)
     length_m = ground.area / (spacing_m or 1.0)
