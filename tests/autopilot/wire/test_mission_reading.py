@@ -100,6 +100,10 @@ def test_minor_versions_are_read(version: str) -> None:
 
 
 UUID = "give a UUID like 8f14e45f-ceea-467f-a9f2-3c1d2b7a5e10"
+OTHER_MAJOR = (
+    '$.schema_version: is "{}", and this program reads version 1.x.y; '
+    "have the mission written in version 1, or update this program"
+)
 PLACE = 'give {"latitude": ..., "longitude": ..., "altitude_m": ...}'
 
 
@@ -127,11 +131,11 @@ PLACE = 'give {"latitude": ..., "longitude": ..., "altitude_m": ...}'
         (lambda it: it.update(schema_version=1), "$.schema_version: is 1, not a string; give x.y.z, such as 1.0.0"),
         (
             lambda it: it.update(schema_version="2.0.0", items=3),
-            '$.schema_version: is "2.0.0", and this program reads version 1.x.y; have the mission written in version 1, or update this program',
+            OTHER_MAJOR.format("2.0.0"),
         ),
         (
             lambda it: it.update(schema_version="10.0.0"),
-            '$.schema_version: is "10.0.0", and this program reads version 1.x.y; have the mission written in version 1, or update this program',
+            OTHER_MAJOR.format("10.0.0"),
         ),
         (lambda it: it.update(itmes=[]), "$.itmes: is not known here; did you mean 'items'?"),
         (
@@ -147,7 +151,8 @@ PLACE = 'give {"latitude": ..., "longitude": ..., "altitude_m": ...}'
         (lambda it: it["items"][0].pop("id"), f"$.items[0].id: is missing; {UUID}"),
         (
             lambda it: it["items"][0].update(kind="waypiont"),
-            "$.items[0].kind: is \"waypiont\", not one of waypoint, search, region_search, return, target_follow_breakpoint; did you mean 'waypoint'?",
+            '$.items[0].kind: is "waypiont", not one of waypoint, search, region_search, return, '
+            "target_follow_breakpoint; did you mean 'waypoint'?",
         ),
         (
             lambda it: it["items"][0].update(region=it["items"][1]["region"]),
@@ -279,7 +284,8 @@ def test_size() -> None:
         (b"[]", "$: is [], not an object; give what the schema says"),
         (
             b'{"a": ',
-            "$: is no JSON: Expecting value: line 1 column 7 (char 6); correct it there; an end that is missing was probably cut off",
+            "$: is no JSON: Expecting value: line 1 column 7 (char 6); "
+            "correct it there; an end that is missing was probably cut off",
         ),
     ],
 )
