@@ -85,8 +85,8 @@ def _with(flown: list[Stretch], lane: Lane, start: Metres, length_m: LengthM) ->
         return there_m if after is None else there_m + between(stretch[1], after) - between(before, after)
 
     ways = [(place, way) for place in range(len(ends)) for way in ((lane.start, lane.end), (lane.end, lane.start))]
-    ways.sort(key=lambda one: detour_m(*one, math.dist))
-    place, way = min(ways[:_ROUTED], key=lambda one: detour_m(*one, length_m))
+    ways.sort(key=lambda one: detour_m(one[0], one[1], math.dist))
+    place, way = min(ways[:_ROUTED], key=lambda one: detour_m(one[0], one[1], length_m))
     return [*flown[:place], way, *flown[place:]]
 
 

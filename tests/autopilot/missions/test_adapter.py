@@ -7,80 +7,16 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
-import httpx
 import pytest
-from google.protobuf.message import Message
 
-from autopilot.adapters.missions import Home, MissionsAdapter
-from autopilot.adapters.missions.client import Answer, Client, Failed, bearer
-from autopilot.geo import Origin
 from autopilot.ports.config import MissionSection
-from autopilot.ports.edges import InputClass
 from autopilot.sim.office import Office
 from events.schema.mission_pb2 import FetchMission, MissionPlanned, MissionUnavailable, PostWaypoint, WaypointPosted
-from tests.autopilot.planning.missions import AROUND, HOME, MISSION_ID, fence, region, tree, uid, vertex, waypoint
+from tests.autopilot.missions.bench import Bench, at, because, example, said
+from tests.autopilot.planning.missions import AROUND, MISSION_ID, fence, tree, uid, vertex, waypoint
 
-HOME_M = 440.0
-BREAK = {"kind": "target_follow_breakpoint"}
-
-
-def example() -> dict[str, Any]:
-    """Return a mission with a waypoint, a search and a return."""
-    items = [waypoint((20, 20), cruise_speed_mps=7), region(), BREAK, {"kind": "return"}]
-    return tree(*items, fences=[fence(AROUND, "INCLUSION")])
-
-
-class Bench:
-    """An adapter on a bench: what it offers, what it keeps, and how long it would have waited."""
-
-    def __init__(self, settings: MissionSection, *, home_after: int = 0, room_after: int = 0) -> None:
-        self.offered: list[Message] = []
-        self.kept: dict[str, bytes] = {}
-        self.waits_s: list[float] = []
-        self.kept_badly: OSError | None = None
-        self._home_after, self._room_after = home_after, room_after
-        origin = Origin()
-        origin.set(*HOME, HOME_M)
-        self.adapter = MissionsAdapter(
-            settings, self._offer, origin.place_e7, self._home, self._keep, 60.0, sleep=self._sleep
-        )
-
-    def _offer(self, input_class: InputClass, observation: Message) -> bool:
-        assert input_class is InputClass.OUTCOME
-        if self._room_after > 0:
-            self._room_after -= 1
-            return False
-        self.offered.append(observation)
-        return True
-
-    def _home(self) -> Home | None:
-        self._home_after -= 1
-        return Home(*HOME, HOME_M) if self._home_after < 0 else None
-
-    def _keep(self, name: str, data: bytes) -> None:
-        if self.kept_badly is not None:
-            raise self.kept_badly
-        self.kept[name] = data
-
-    async def _sleep(self, seconds: float) -> None:
-        self.waits_s.append(seconds)
-        await asyncio.sleep(0)
-
-    def run(self, *effects: Message, before: Callable[[int], None] = lambda _: None) -> list[Message]:
-        """Perform effects one after the other, numbered from 1; return what was offered."""
-
-        async def work() -> None:
-            for seq, effect in enumerate(effects, start=1):
-                before(seq)
-                self.adapter.perform(seq, effect, 0)
-                async with asyncio.timeout(30):
-                    await asyncio.gather(*self.adapter._tasks)
-            await self.adapter.stop()
-
-        asyncio.run(work())
-        return self.offered
+pytestmark = pytest.mark.whole
 
 
 @pytest.fixture
@@ -90,34 +26,6 @@ def office() -> Iterator[Office]:
     made.start()
     yield made
     made.stop()
-
-
-def at(office: Office, **more: Any) -> MissionSection:
-    """Return the settings for an office."""
-    return MissionSection(url=office.url, mission_id=MISSION_ID, **({"timeout_s": 5, "attempts": 4} | more))
-
-
-def said(offered: list[Message]) -> list[str]:
-    """Return the outcomes in short."""
-    short = []
-    for message in offered:
-        match message:
-            case MissionPlanned():
-                short.append(f"{message.effect_seq} planned {len(message.items)}")
-            case MissionUnavailable():
-                short.append(f"{message.effect_seq} none after {message.attempts}{', final' if message.final else ''}")
-            case WaypointPosted():
-                short.append(f"{message.effect_seq} posted{': ' + message.failure if message.failure else ''}")
-    return short
-
-
-def because(message: Message) -> str:
-    """Return why there is no mission."""
-    assert isinstance(message, MissionUnavailable)
-    return message.because
-
-
-pytestmark = pytest.mark.whole
 
 
 def test_a_mission_is_fetched_planned_and_kept(office: Office) -> None:
@@ -334,30 +242,6 @@ def test_a_token_goes_along(office: Office, tmp_path: Path) -> None:
     assert said(Bench(at(office, token_file=str(file))).run(FetchMission(vehicle=1))) == ["1 planned 15"]
 
 
-@pytest.mark.parametrize(
-    ("mode", "text", "words"),
-    [
-        (0o640, "t", "can be read by others; chmod 600 it"),
-        (0o604, "t", "can be read by others; chmod 600 it"),
-        (0o600, "", "holds no token"),
-        (0o600, "a b", "holds no token"),
-        (0o600, "a\r\nX-Evil: 1", "holds no token"),
-        (0o600, "t" * 8193, "holds no token"),
-        (None, "", "No such file or directory"),
-    ],
-)
-def test_token_files(tmp_path: Path, mode: int | None, text: str, words: str) -> None:
-    """What is no token, or no secret, is not sent."""
-    file = tmp_path / "token"
-    if mode is not None:
-        file.write_text(text)
-        file.chmod(mode)
-    found = bearer(str(file))
-    assert isinstance(found, Failed)
-    assert words in found.because
-    assert found.again is False
-
-
 def test_a_mission_from_a_file(tmp_path: Path) -> None:
     """Its digest is its revision; it takes no waypoints."""
     file = tmp_path / "m.json"
@@ -412,49 +296,3 @@ def test_stopping_gives_up(office: Office) -> None:
 
     asyncio.run(work())
     assert bench.offered == []
-
-
-def answer(status: int, data: bytes = b"", **headers: str) -> Callable[[httpx.Request], httpx.Response]:
-    """Return an office that says only this."""
-    return lambda _: httpx.Response(
-        status,
-        headers={name.replace("_", "-"): value for name, value in headers.items()},
-        stream=httpx.ByteStream(data),
-    )
-
-
-def check_answer(handler: Callable[[httpx.Request], httpx.Response], expected: Answer | str) -> None:
-    """Check what the client makes of an answer that no well-behaved office gives."""
-
-    async def work() -> Answer | Failed:
-        settings = MissionSection(url="http://office", mission_id=MISSION_ID)
-        client = Client(settings, httpx.MockTransport(handler))
-        try:
-            return await client.get("/missions/x")
-        finally:
-            await client.close()
-
-    found = asyncio.run(work())
-    if isinstance(expected, str):
-        assert isinstance(found, Failed)
-        assert f"{found.because} {'again' if found.again else 'final'}" == expected
-    else:
-        assert found == expected
-
-
-def test_odd_answers() -> None:
-    """Redirects are not followed, compression is not taken, an ETag has its bounds, 429 is "later"."""
-    url = "http://office/missions/x"
-    check_answer(answer(200, b"{}", ETag="a" * 201), Answer(status=200, data=b"{}", etag=""))
-    check_answer(answer(200, b"{}", ETag="a" * 200), Answer(status=200, data=b"{}", etag="a" * 200))
-    check_answer(
-        answer(302, Location="http://elsewhere"),
-        f"{url}: the office answers 302 and points elsewhere; name that place final",
-    )
-    check_answer(
-        answer(200, b"x", Content_Encoding="gzip"), f"{url}: the answer is compressed, which was not asked for final"
-    )
-    check_answer(answer(429), f"{url}: the office answers 429 Too Many Requests again")
-    check_answer(
-        answer(400, b"a\x1b[2Jb\xff" + b"c" * 500), f"{url}: the office answers 400: a [2Jb\ufffd{'c' * 193} final"
-    )
