@@ -85,7 +85,8 @@ def test_flags_change_the_plan(capsys: pytest.CaptureFixture[str], tmp_path: Pat
     config.write_text(head + "[eyes]\nfield_of_view_deg = 30\n[mission]\nsearch_height_m = 90\nside_overlap = 0.0\n")
 
     def swath_m(*words: str) -> int:
-        return int(round(as_json(capsys, str(file), *words)["searched"][0]["swath_m"]))
+        metres: float = as_json(capsys, str(file), *words)["searched"][0]["swath_m"]
+        return round(metres)
 
     def lanes(*words: str) -> int:
         return int(as_json(capsys, str(file), *words)["searched"][0]["lanes"])
