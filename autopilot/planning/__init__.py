@@ -6,6 +6,7 @@ the configuration, and below the adapters, which fetch missions and upload plans
 
 from autopilot.planning.items import Autopilot as Autopilot
 from autopilot.planning.items import PlannedItem as PlannedItem
+from autopilot.planning.middle import with_middle as with_middle
 from autopilot.planning.plan import Breakpoint as Breakpoint
 from autopilot.planning.plan import Plan as Plan
 from autopilot.planning.plan import Searched as Searched

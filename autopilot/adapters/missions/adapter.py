@@ -25,7 +25,7 @@ from google.protobuf.message import Message
 
 from autopilot.adapters.missions.client import Client, Failed
 from autopilot.adapters.missions.messages import Home, PlaceOf, planned
-from autopilot.planning import Plan, make_plan, mission_limits
+from autopilot.planning import Plan, make_plan, mission_limits, with_middle
 from autopilot.ports.config import MissionSection
 from autopilot.ports.edges import InputClass, Offer
 from autopilot.wire.mission import MissionRefused
@@ -66,6 +66,7 @@ class MissionsAdapter:
         self._tasks: set[asyncio.Task[None]] = set()
         self._etag, self._data = "", b""  # what the office sent last
         self._plan: Plan | None = None
+        self._middle: tuple[str, int] | None = None  # the waypoint that was asked for last: its id, and before what
 
     async def stop(self) -> None:
         """Give up what is under way and close the connections."""
@@ -143,7 +144,10 @@ class MissionsAdapter:
         mission = read_mission(data, mission_limits(self._settings))
         if isinstance(mission, MissionRefused):
             return mission
-        return make_plan(mission, self._settings, self._field_of_view_deg, (home.latitude_deg, home.longitude_deg))
+        plan = make_plan(mission, self._settings, self._field_of_view_deg, (home.latitude_deg, home.longitude_deg))
+        if isinstance(plan, MissionRefused) or self._middle is None:
+            return plan
+        return with_middle(plan, *self._middle)
 
     def _from_file(self) -> tuple[bytes, str] | Failed:
         """Return the mission that lies on this disk, and its digest."""
@@ -185,6 +189,7 @@ class MissionsAdapter:
         for attempt in range(1, self._settings.attempts + 1):
             answer = await self._client.post(f"/missions/{self._settings.mission_id}/waypoints", key, body)
             if not isinstance(answer, Failed):
+                self._middle = key, effect.before_item
                 await self._posted(seq, "")
                 await self._fetch(seq)
                 return
@@ -211,7 +216,7 @@ def waypoint_request(seq: int, effect: PostWaypoint, plan: Plan) -> tuple[str, b
 
     The waypoint's own id is the key, so that an office that forgot the key still finds it there. It goes before the
     mission item that the planned item comes from; where that is the middle of a search, before the one after it, for
-    the office knows a search as one.
+    the office knows a search as one (`with_middle` puts it where it was asked for, in the plan).
     """
     body = effect.SerializeToString(deterministic=True)
     key = str(uuid.uuid5(_NAMESPACE, f"{seq} {body.hex()}"))

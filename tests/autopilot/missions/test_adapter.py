@@ -199,6 +199,19 @@ def test_where_a_waypoint_goes(office: Office, before_item: int, place: int) -> 
     assert [item["id"] not in [uid(n) for n in range(4)] for item in items].index(True) == place
 
 
+@pytest.mark.parametrize("before_item", [4, 8, 12])
+def test_in_the_plan_it_stands_where_it_was_asked_for(office: Office, before_item: int) -> None:
+    """Also in the middle of a search; all else keeps its order, and the breakpoint its item."""
+    first, _, second = Bench(at(office)).run(FetchMission(vehicle=1), middle(before_item))
+    assert isinstance(first, MissionPlanned)
+    assert isinstance(second, MissionPlanned)
+    sources = [uid(number) for number in range(4)]
+    new = [index for index, item in enumerate(second.items) if item.source_id and item.source_id not in sources]
+    assert new == [before_item]
+    assert [*second.items[:before_item], *second.items[before_item + 1 :]] == list(first.items)
+    assert second.items[second.breakpoints[0]].command == first.items[first.breakpoints[0]].command
+
+
 @pytest.mark.parametrize(("fault", "waits"), [("failing", [1]), ("dropping", [1])])
 def test_an_answer_that_was_lost_puts_no_second_waypoint(office: Office, fault: str, waits: list[float]) -> None:
     """The office did it and said nothing: asked again under the same key it does nothing more."""
