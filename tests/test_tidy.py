@@ -90,7 +90,7 @@ WORDS = {
         "fac~ts/": _CITE,
     }.items()
 }
-ENTRY_POINTS = ("__main__", "docs.generate")
+ENTRY_POINTS = ("__main__", "docs.generate", "autopilot.sim.office")
 
 
 def size_findings(source: Source) -> Iterator[str]:

@@ -9,16 +9,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from autopilot.ports.config_mission import MissionSection as MissionSection
+from autopilot.ports.section import Section as Section
 
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 Port = Annotated[int, Field(ge=1, le=65535)]
-
-
-class Section(BaseModel):
-    """A section of the file: unknown keys are errors, nothing changes after reading."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class NodeSection(Section):
@@ -254,4 +251,5 @@ class Config(Section):
     retention: RetentionSection = RetentionSection()
     find: FindSection = FindSection()
     scan: ScanSection = ScanSection()
+    mission: MissionSection = MissionSection()
     limits: LimitsSection = LimitsSection()
