@@ -29,6 +29,8 @@ def test_angles_beyond_the_limits() -> None:
         1.7 | order h point | look 1,1 | all gates passed
         2 | described pans pitch=-9000,2000 yaw=-18000,18000 | - | -
         2.1 | order i turn nose yaw=18000 | turn -30,180 | all gates passed
+        2.2 | described pans yaw=-17000,19000 | - | -
+        2.3 | order k turn nose yaw=18500 | turn -30,185 | all gates passed
         3 | described pans | - | -
         3.1 | order j turn nose pitch=9000 yaw=18000 | turn 90,180 | all gates passed
         """,
@@ -136,7 +138,7 @@ def test_a_zoom_takes_the_camera() -> None:
 
 def test_the_node_does_not_look_closer_where_that_turns_the_vehicle() -> None:
     """Its own wish for a place is refused like an operator's."""
-    for words, looks in (("described turns", False), ("described pans", True)):
+    for words, looks in (("described turns", False), ("zoomed 0", False), ("described pans", True)):
         story = Story(scan_enabled=True, sightings_to_ask=1, frame_rate_floor_mhz=0, roi_turning=ROI_TURNING_REFUSE)
         for line in (words, "frame person@9,9", "frame person@9,9"):
             story.tell(line)
