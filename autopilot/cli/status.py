@@ -126,22 +126,29 @@ def _cameras(status: dict[str, Any]) -> Iterator[str]:
         left_ns = one["held_until_ns"] - status["flight_ns"]
         until = f", {seconds(left_ns)} s left" if one["held_until_ns"] and left_ns > 0 else ""
         eyes = f", eyes {status['eyes'][key]}" if key in status["eyes"] else ""
-        yield f"camera    {key} {one['state']}{held}{until}{eyes}"
+        zoom = f", zoom {percent(one['zoom_e4'])}" if one["zoom_e4"] is not None else ""
+        yield f"camera    {key} {one['state']}{held}{until}{zoom}{eyes}"
         gimbal = status["gimbals"].get(one["gimbal"])
         if gimbal is not None:
             yield f"gimbal    {one['gimbal']} {_gimbal(gimbal)}"
+            if gimbal["caution"]:
+                yield f"caution   {gimbal['caution']}"
 
 
 def _gimbal(one: dict[str, Any]) -> str:
-    parts = [one["aim"]]
+    aim = "commanded" if one["aim"] == "arrived" and one["demanded"] else one["aim"]
+    parts = [f"{aim}: {one['aim_because']}" if one["aim_because"] else aim]
     if one["asked"]:
         parts.append(f"asked {one['asked']}")
     if one["pitch_cdeg"] is not None:
-        parts.append(f"looks pitch {degrees(one['pitch_cdeg'])}, yaw {degrees(one['yaw_cdeg'])}")
+        looks = "told" if one["demanded"] else "looks"
+        parts.append(f"{looks} pitch {degrees(one['pitch_cdeg'])}, yaw {degrees(one['yaw_cdeg'])}")
     if one["error_cdeg"] is not None:
         parts.append(f"{degrees(one['error_cdeg'])} off")
     if one["arrived_after_ns"] is not None:
         parts.append(f"there after {seconds(one['arrived_after_ns'])} s")
+    if one["control"]:
+        parts.append(f"controlled by {one['control']}")
     return ", ".join(parts)
 
 

@@ -108,6 +108,7 @@ def make_edges(
             ),
             healthy,
             arrival_tolerance_deg=config.limits.arrival_tolerance_deg,
+            drift_deg=config.limits.drift_deg,
         )
     eyes = Eyes(
         config.eyes,

@@ -10,7 +10,16 @@ import hashlib
 import json
 
 from autopilot.ports.config import Config
-from events.schema.flight_pb2 import CameraFitting, ClassGroup, Configuration, Limits
+from events.schema.flight_pb2 import (
+    ROI_TURNING_REFUSE,
+    ROI_TURNING_WARN,
+    CameraFitting,
+    ClassGroup,
+    Configuration,
+    Limits,
+)
+
+_ROI_TURNING = {"warn": ROI_TURNING_WARN, "refuse": ROI_TURNING_REFUSE}
 
 
 def configuration_message(config: Config) -> Configuration:
@@ -60,6 +69,10 @@ def _limits(config: Config) -> Limits:
         overdue_camera_ms=_thousandths(command.overdue_camera_h * 3600),
         overdue_flight_ms=_thousandths(command.overdue_flight_h * 3600),
         own_command_life_ms=_thousandths(limits.own_command_life_s),
+        roi_turning=_ROI_TURNING[command.roi_turns_vehicle],
+        take_from_others=command.take_from_others,
+        drift_cdeg=_hundredths(limits.drift_deg),
+        drift_settle_ms=_thousandths(limits.drift_settle_s),
     )
 
 

@@ -44,12 +44,13 @@ class VehicleLink(asyncio.DatagramProtocol):
         healthy: Callable[[], bool],
         *,
         arrival_tolerance_deg: float = 1.0,
+        drift_deg: float = 2.0,
     ) -> None:
         self._settings = settings
         self._offer = offer
         self._clock = clock
         self._make: Callable[[Address | None], Session] = lambda peer: _session(
-            settings, place, on_first_fix, healthy, arrival_tolerance_deg, peer
+            settings, place, on_first_fix, healthy, (arrival_tolerance_deg, drift_deg), peer
         )
         self._session = self._make(None)
         self._kept: deque[Message] = deque()  # outcomes that the inbox refused, oldest first
@@ -171,10 +172,13 @@ def _session(
     place: MakePlace,
     on_first_fix: Callable[[float, float, float], None],
     healthy: Callable[[], bool],
-    arrival_tolerance_deg: float,
+    bounds_deg: tuple[float, float],
     peer: Address | None,
 ) -> Session:
-    return Session(settings, place, on_first_fix, healthy, arrival_tolerance_deg=arrival_tolerance_deg, peer=peer)
+    tolerance_deg, drift_deg = bounds_deg
+    return Session(
+        settings, place, on_first_fix, healthy, arrival_tolerance_deg=tolerance_deg, drift_deg=drift_deg, peer=peer
+    )
 
 
 async def _resolve(key: str, text: str) -> tuple[int, Address]:

@@ -40,6 +40,7 @@ reconnect_ms = 250
 
 [vehicle]
 connect = "127.0.0.1:{mavlink}"
+gimbal_measures = true
 
 [eyes]
 source = "external"
