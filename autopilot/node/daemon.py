@@ -131,7 +131,7 @@ class Daemon:
             self._config.limits,
             close_after_s=self._config.flight.close_after_s,
             on_session=lambda session: self._opened(session, asyncio_loop, ready),
-            on_records=lambda records: self._heard(book, records),
+            on_records=lambda records: self._heard(book, edges, records),
             perform=lambda record: _call(asyncio_loop, lambda: edges.perform(record)),
             on_end=lambda: _call(asyncio_loop, over.set),
         )
@@ -157,9 +157,11 @@ class Daemon:
             prover.stop()
         return _exit_code(loop, edges.eyes.refusal)
 
-    def _heard(self, book: TrustBook, records: tuple[Record, ...]) -> None:
+    def _heard(self, book: TrustBook, edges: Edges, records: tuple[Record, ...]) -> None:
         """Take in what is durable. On the node's thread."""
         put_into_force(book, records)
+        if edges.selftest is not None:
+            edges.selftest.noted.hear(records)
         self._board.hear(records)
 
     def _opened(

@@ -19,6 +19,7 @@ from autopilot.geo import LocalFrame, Origin
 from autopilot.node.attachments import Attachments
 from autopilot.node.flights import Session
 from autopilot.node.inbox import Inbox
+from autopilot.node.selftest import Selftest
 from autopilot.node.trusting import Believed, believed
 from autopilot.ports.config import Config
 from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Performer, Proving
@@ -44,6 +45,7 @@ class Edges:
     eyes: Eyes
     documents: TrustFolder | None = None
     missions: MissionsAdapter | None = None
+    selftest: Selftest | None = None
 
     async def start(self) -> None:
         """Start them; none waits for its peer. Raises ValueError and OSError for an address that can't be used."""
@@ -73,6 +75,7 @@ class Edges:
             "mesh": self.mesh,
             "vehicle": self.vehicle,
             "missions": self.missions,
+            "selftest": self.selftest,
         }
         performer = performers.get(record.kind.port)
         if performer is not None:
@@ -122,7 +125,17 @@ def make_edges(
     watched = config.node.documents
     documents = TrustFolder(Path(watched), book.offer) if watched and book is not None else None
     missions = _missions(config, inbox, origin, attachments or Attachments())
-    return Edges(mesh, vehicle, eyes, documents, missions)
+    return Edges(mesh, vehicle, eyes, documents, missions, _selftest(config, inbox, clock, book, vehicle, eyes))
+
+
+def _selftest(
+    config: Config, inbox: Inbox, clock: Clock, book: TrustBook | None, vehicle: VehicleLink | None, eyes: Eyes
+) -> Selftest | None:
+    """Return what looks at everything before a mission; None where none is flown."""
+    if book is None or not config.mission.enabled:
+        return None
+    facts = None if vehicle is None else vehicle.facts
+    return Selftest(config, clock, book, inbox.offer, facts, lambda: eyes.detector_us)
 
 
 def _missions(config: Config, inbox: Inbox, origin: Origin, attachments: Attachments) -> MissionsAdapter | None:

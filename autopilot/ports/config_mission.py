@@ -13,8 +13,28 @@ _UUID = re.compile(r"[0-9a-fA-F]{8}(-[0-9a-fA-F]{4}){3}-[0-9a-fA-F]{12}")
 
 
 class MissionSection(Section):
-    """Where the mission comes from, how large it may be, how it is flown. Without `url` and `file` there is none."""
+    """Whether a mission is flown, where it comes from, how large it may be. Without `url` and `file` there is none."""
 
+    enabled: bool = Field(False, description="True: the node flies the mission. It arms and changes modes for it.")
+    begin: Literal["order", "alone"] = Field(
+        "order", description="order: a person lets it begin. alone: it begins when the self-test has passed."
+    )
+    start: Literal["node", "pilot"] = Field(
+        "node", description="Who arms a copter and starts AUTO; a plane is always a pilot's."
+    )
+    tries: int = Field(3, ge=1, le=20, description="A step is tried so often; then the mission is paused.")
+    step_s: float = Field(
+        15, ge=1, le=300, description="A step that shows no effect is tried again after this: arming takes up to 10 s."
+    )
+    acknowledge_s: float = Field(
+        300, ge=1, le=86_400, description="A degraded self-test fails when nobody takes it on within this."
+    )
+    upload_s: float = Field(
+        120, ge=5, le=3600, description="Longest upload with read-back: 700 items on a link that loses a third."
+    )
+    follow_by_waypoint: bool = Field(
+        False, description="True: what a camera follows gets a waypoint, and the vehicle waits there."
+    )
     url: str = Field("", description="The mission office, e.g. http://10.13.0.1:8088; /missions/ID is asked under it.")
     mission_id: str = Field("", description="UUID of the mission that the office is asked for.")
     file: str = Field("", description="A mission on this disk, instead of an office.")
@@ -81,6 +101,8 @@ class MissionSection(Section):
     @model_validator(mode="after")
     def _one_source(self) -> MissionSection:
         """Say so where there are two sources, or half of one."""
+        if self.enabled and not (self.url or self.file):
+            raise ValueError("enabled = true needs url or file: which mission?")
         if self.url and self.file:
             raise ValueError("url and file are two sources of the mission; keep one")
         if self.url and not self.url.startswith(("http://", "https://")):
