@@ -115,6 +115,22 @@ class Bounds:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionPicture:
+    """A mission and its self-test, and how far they are."""
+
+    state: str = "idle"
+    because: str = ""
+    mission_id: str = ""
+    items: int = 0
+    next_item: int = 0  # index of the first item that is not behind the vehicle
+    fences: int = 0
+    selftest: str = "idle"
+    report_id: int | None = None
+    findings: tuple[str, ...] = ()  # items of the self-test that did not simply pass
+    unavailable: str = ""  # what stands in the way of having one
+
+
+@dataclass(frozen=True, slots=True)
 class Picture:
     """All that is shown. Mappings are never changed: a change makes new ones."""
 
@@ -144,6 +160,7 @@ class Picture:
     samples_rejected: Mapping[str, int] = field(default_factory=dict)  # by reason
     inputs_dropped: Mapping[str, int] = field(default_factory=dict)  # by class of the inbox
     members: Mapping[int, str] = field(default_factory=dict)  # map object: the waiting question it belongs to
+    mission: MissionPicture | None = None  # None where this node flies none
     bounds: Bounds = Bounds()
 
 

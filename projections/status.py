@@ -30,7 +30,7 @@ from events.schema.vehicle_pb2 import (
     VehicleLinkChanged,
     VehicleStateReported,
 )
-from projections import aiming
+from projections import aiming, status_mission
 from projections.describe import close_words
 from projections.picture import (
     RESULTS,
@@ -79,7 +79,7 @@ def _opened(_picture: Picture, _record: Record, opened: FlightOpened) -> Picture
         cameras[key_of(one.vehicle, one.camera)] = CameraPicture(one.vehicle, one.camera, gimbal)
         if gimbal:
             gimbals[gimbal] = GimbalPicture()
-    return Picture(
+    picture = Picture(
         flight_id=opened.flight_id,
         flight_number=opened.flight_number,
         node=opened.node,
@@ -92,6 +92,7 @@ def _opened(_picture: Picture, _record: Record, opened: FlightOpened) -> Picture
         gimbals=gimbals,
         bounds=Bounds.of(opened.configuration.limits),
     )
+    return status_mission.opened(picture, opened.configuration.limits)
 
 
 def _carried(picture: Picture, _record: Record, carried: BaselineCarried) -> Picture:
@@ -290,9 +291,12 @@ _MOVES: dict[str, _Change] = {
     "scan": _scan_moved,
     "poi": _poi_moved,
     "health": _health_moved,
+    "mission": status_mission.mission_moved,
+    "selftest": status_mission.selftest_moved,
 }
 _CHANGES: dict[str, _Change] = {
     **aiming.CHANGES,
+    **status_mission.CHANGES,
     "flight_opened": _opened,
     "baseline_carried": _carried,
     "node_started": _started,

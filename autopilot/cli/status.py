@@ -87,6 +87,7 @@ def screen(status: dict[str, Any], age_ns: int) -> Iterator[str]:
     yield f"flight    {status['flight_number']} ({status['flight_id'][:8]}), {flight}, record {status['head_seq']}"
     yield f"age       {age(age_ns)} since the newest record, {seconds(status['flight_ns'])} s into the flight"
     yield from _vehicles(status)
+    yield from _mission(status)
     yield from _cameras(status)
     yield from _findings(status)
     orders = ", ".join(f"{count} {name}" for name, count in status["orders"].items() if count)
@@ -118,6 +119,20 @@ def _vehicles(status: dict[str, Any]) -> Iterator[str]:
             where = f", at {place}, {metres(one['height_mm'])} m above home"
         armed = "armed" if one["armed"] else "disarmed"
         yield f"vehicle   {number} {'heard' if one['link'] else 'silent'}, {armed}{where}"
+
+
+def _mission(status: dict[str, Any]) -> Iterator[str]:
+    one = status["mission"]
+    if one is None:
+        return
+    plan = f", item {one['next_item'] + 1} of {one['items']}, {one['fences']} fences" if one["mission_id"] else ""
+    yield f"mission   {one['state']}: {one['because']}{plan}" if one["because"] else f"mission   {one['state']}"
+    if one["unavailable"]:
+        yield f"          {one['unavailable']}"
+    report = "" if one["report_id"] is None else f", report {one['report_id']}"
+    yield f"self-test {one['selftest']}{report}"
+    for finding in one["findings"]:
+        yield f"          {finding}"
 
 
 def _cameras(status: dict[str, Any]) -> Iterator[str]:

@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections.abc import Callable
 
+from autopilot.node.board_mission import say_mission
 from autopilot.node.flights import Session
 from autopilot.trust.verdict import Sealed
 from events.records import Record
@@ -107,6 +108,7 @@ class Board:
             pois=[_poi(one, now_ns) for one in picture.waiting.values() if one.state == "surfaced"],
             map_objects=picture.map_objects,
         )
+        say_mission(said, picture)
         if self.disk_short:
             said.disk_short = self.disk_short
         if (sealing := self.session.sealing) is not None and sealing.newest:

@@ -1102,6 +1102,7 @@ class NodeStatus(_message.Message):
     EPOCH_ID_FIELD_NUMBER: _builtins.int
     CAMERA_ROLES_FIELD_NUMBER: _builtins.int
     FLIGHT_ROLES_FIELD_NUMBER: _builtins.int
+    MISSION_FIELD_NUMBER: _builtins.int
     at_ms: _builtins.int
     """Node's clock, milliseconds since 1970."""
     flight_id: _builtins.bytes
@@ -1166,6 +1167,10 @@ class NodeStatus(_message.Message):
     def flight_roles(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """Roles that may command its flight; empty means nobody."""
 
+    @_builtins.property
+    def mission(self) -> Global___MissionStatus:
+        """How far the mission is; absent where this node flies none."""
+
     def __init__(
         self,
         *,
@@ -1196,14 +1201,75 @@ class NodeStatus(_message.Message):
         epoch_id: _builtins.int | None = ...,
         camera_roles: _abc.Iterable[_builtins.str] | None = ...,
         flight_roles: _abc.Iterable[_builtins.str] | None = ...,
+        mission: Global___MissionStatus | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___NodeStatus: _TypeAlias = NodeStatus  # noqa: Y015
+
+@_typing.final
+class MissionStatus(_message.Message):
+    """A mission and how far it is."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    STATE_FIELD_NUMBER: _builtins.int
+    BECAUSE_FIELD_NUMBER: _builtins.int
+    MISSION_ID_FIELD_NUMBER: _builtins.int
+    ITEMS_FIELD_NUMBER: _builtins.int
+    NEXT_ITEM_FIELD_NUMBER: _builtins.int
+    FENCES_FIELD_NUMBER: _builtins.int
+    SELFTEST_FIELD_NUMBER: _builtins.int
+    REPORT_ID_FIELD_NUMBER: _builtins.int
+    FINDINGS_FIELD_NUMBER: _builtins.int
+    UNAVAILABLE_FIELD_NUMBER: _builtins.int
+    state: _builtins.str
+    """State of the chart `mission`: "ready", "uploading", "flying", ..."""
+    because: _builtins.str
+    """Why it is in this state, in words."""
+    mission_id: _builtins.str
+    """UUID string; absent before one was fetched."""
+    items: _builtins.int
+    """Items of the plan."""
+    next_item: _builtins.int
+    """Index of the first item that is not behind the vehicle."""
+    fences: _builtins.int
+    """Fences of the plan."""
+    selftest: _builtins.str
+    """State of the chart `selftest`: "running", "awaiting", "passed", ..."""
+    report_id: _builtins.int
+    """Number of its newest report, which an acknowledgement names; absent before one."""
+    unavailable: _builtins.str
+    """What stands in the way of having a mission, in words; absent where nothing does."""
+    @_builtins.property
+    def findings(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Its items that did not simply pass, as "name: verdict, words"."""
+
+    def __init__(
+        self,
+        *,
+        state: _builtins.str | None = ...,
+        because: _builtins.str | None = ...,
+        mission_id: _builtins.str | None = ...,
+        items: _builtins.int | None = ...,
+        next_item: _builtins.int | None = ...,
+        fences: _builtins.int | None = ...,
+        selftest: _builtins.str | None = ...,
+        report_id: _builtins.int | None = ...,
+        findings: _abc.Iterable[_builtins.str] | None = ...,
+        unavailable: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "fences", b"fences", "findings", b"findings", "items", b"items", "mission_id", b"mission_id", "next_item", b"next_item", "report_id", b"report_id", "selftest", b"selftest", "state", b"state", "unavailable", b"unavailable"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "fences", b"fences", "findings", b"findings", "items", b"items", "mission_id", b"mission_id", "next_item", b"next_item", "report_id", b"report_id", "selftest", b"selftest", "state", b"state", "unavailable", b"unavailable"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___MissionStatus: _TypeAlias = MissionStatus  # noqa: Y015
 
 @_typing.final
 class ConsistencyRequest(_message.Message):
