@@ -22,10 +22,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from events.schema import safety_pb2
 from events.schema.common_pb2 import Place
 from events.schema.orders_pb2 import OrderReceived
 from statecharts.charts import command_gimbal as gimbal
+from statecharts.charts import command_override as override
 from statecharts.charts import gimbals
 from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
 from statecharts.facts import Arrival, Order
@@ -49,12 +49,6 @@ MAY_ASK: dict[str, tuple[str, ...]] = {
     "abort": tuple(state for state in STATES if state not in OVER),
 }
 
-# What a person may hold off. Never the landing at the lowest charge.
-SCOPES = (
-    safety_pb2.OVERRIDE_BATTERY_RETURN,
-    safety_pb2.OVERRIDE_LINK_RETURN,
-    safety_pb2.OVERRIDE_FENCE_RETURN,
-)
 
 # A repeat of an order is answered so often within so long; what comes beyond that hears nothing.
 REPEATS_ANSWERED = 2
@@ -250,34 +244,6 @@ def judgement(facts: Facts) -> bool:
     return facts.order.verb in RECORDED_VERBS
 
 
-def no_failsafes(facts: Facts) -> bool:
-    """A failsafe is to be held off on a node that commands none."""
-    return facts.order.verb == "override" and not facts.state.commands_flight
-
-
-def unknown_scope(facts: Facts) -> bool:
-    """What is to be held off is nothing that can be: the landing at the lowest charge can't."""
-    asked = facts.received
-    return facts.order.verb == "override" and (asked is None or asked.override_safety.scope not in SCOPES)
-
-
-def no_reason(facts: Facts) -> bool:
-    """Nobody holds a failsafe off without saying why."""
-    asked = facts.received
-    return facts.order.verb == "override" and (asked is None or not asked.override_safety.reason.strip())
-
-
-def too_long(facts: Facts) -> bool:
-    """It is to be held off for no time at all, or for longer than anybody may."""
-    asked, longest_ms = facts.received, facts.state.flight.limits.override_longest_ms
-    return facts.order.verb == "override" and (asked is None or not 0 < asked.override_safety.held_for_ms <= longest_ms)
-
-
-def held_off(facts: Facts) -> bool:
-    """The order holds a failsafe off: nothing leaves for the vehicle (chart `override`)."""
-    return facts.order.verb == "override"
-
-
 def vehicle_silent(facts: Facts) -> bool:
     """No heartbeat of the vehicle is heard."""
     vehicle = facts.state.vehicles.get(1)
@@ -345,11 +311,11 @@ _GATES: tuple[tuple[str, str, Callable[[Facts], bool] | None], ...] = (
     ("rejected", "no self-test with this report waits for a word", no_such_report),
     ("rejected", "only what a person has confirmed is followed", not_confirmed),
     ("accepted", "recorded", judgement),
-    ("unsupported", "this node commands no failsafes", no_failsafes),
-    ("unsupported", "nothing that can be held off", unknown_scope),
-    ("rejected", "a reason is needed", no_reason),
-    ("rejected", "held for no time, or for longer than allowed", too_long),
-    ("accepted", "held off", held_off),
+    ("unsupported", "this node commands no failsafes", override.no_failsafes),
+    ("unsupported", "nothing that can be held off", override.unknown_scope),
+    ("rejected", "a reason is needed", override.no_reason),
+    ("rejected", "held for no time, or for longer than allowed", override.too_long),
+    ("accepted", "held off", override.held_off),
     ("rejected", "no vehicle is heard", vehicle_silent),
     ("accepted", "the camera follows it", to_follow),
     ("rejected", "the vehicle is not armed", on_the_ground),
