@@ -142,5 +142,6 @@ WORDS: dict[str, Callable[[Any], str]] = {
     "home_reported": lambda one: f"home of vehicle {one.vehicle} is {_where(one.place)}",
     "operator_heard": lambda one: f"{one.callsign or one.principal_id} is heard",
     "override_begun": _override,
+    "property_broken": lambda one: f"this node broke property {one.property} at record {one.at_seq}: {one.words}",
     "override_ended": lambda one: f"{named(SCOPES, one.scope)} is no longer held off: {one.because}",
 }

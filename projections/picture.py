@@ -79,6 +79,27 @@ class VehiclePicture:
     altitude_mm: int | None = None
     height_mm: int | None = None
     heading_cdeg: int | None = None
+    battery_percent: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FailsafePicture:
+    """A failsafe of a vehicle and how far it is."""
+
+    state: str  # of the chart `safety`
+    because: str = ""  # why it commanded, in words; "" where it did not
+    commanded_ns: int = 0  # when it last did, flight_ns; 0: never
+
+
+@dataclass(frozen=True, slots=True)
+class OverridePicture:
+    """A failsafe that a person holds off."""
+
+    scope: str  # "battery_return", "link_return", "fence_return"
+    callsign: str
+    principal_id: str
+    reason: str
+    until_ns: int  # flight_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +180,11 @@ class Picture:
     steps_failed: int = 0
     samples_rejected: Mapping[str, int] = field(default_factory=dict)  # by reason
     inputs_dropped: Mapping[str, int] = field(default_factory=dict)  # by class of the inbox
+    failsafes_enabled: bool = False  # this node has a say in the flight
+    operator_link: str = ""  # state of the chart `link`; "" where it is not watched
+    failsafes: Mapping[str, FailsafePicture] = field(default_factory=dict)  # "1/fence": those that ever moved
+    overrides: Mapping[str, OverridePicture] = field(default_factory=dict)  # vehicle and number of the scope: "1/2"
+    properties_broken: Mapping[str, str] = field(default_factory=dict)  # name: what was seen first
     members: Mapping[int, str] = field(default_factory=dict)  # map object: the waiting question it belongs to
     mission: MissionPicture | None = None  # None where this node flies none
     bounds: Bounds = Bounds()

@@ -24,13 +24,14 @@ from events.schema.flight_pb2 import (
     NodeStarted,
     SamplesRejected,
 )
+from events.schema.safety_pb2 import BatteryReported
 from events.schema.vehicle_pb2 import (
     CameraZoomed,
     PositionReported,
     VehicleLinkChanged,
     VehicleStateReported,
 )
-from projections import aiming, status_mission
+from projections import aiming, status_mission, status_safety
 from projections.describe import close_words
 from projections.picture import (
     RESULTS,
@@ -92,10 +93,12 @@ def _opened(_picture: Picture, _record: Record, opened: FlightOpened) -> Picture
         gimbals=gimbals,
         bounds=Bounds.of(opened.configuration.limits),
     )
-    return status_mission.opened(picture, opened.configuration.limits)
+    picture = status_mission.opened(picture, opened.configuration.limits)
+    return status_safety.opened(picture, opened.configuration.limits)
 
 
-def _carried(picture: Picture, _record: Record, carried: BaselineCarried) -> Picture:
+def _carried(picture: Picture, record: Record, carried: BaselineCarried) -> Picture:
+    picture = status_safety.carried(picture, record, carried.state)
     return replace(picture, map_objects=len(carried.state.objects), ignored=len(carried.state.ignored))
 
 
@@ -187,6 +190,12 @@ def _vehicle(picture: Picture, _record: Record, report: VehicleStateReported) ->
 
 def _link(picture: Picture, _record: Record, change: VehicleLinkChanged) -> Picture:
     return _vehicle_with(picture, change.vehicle, link=change.up)
+
+
+def _battery(picture: Picture, _record: Record, report: BatteryReported) -> Picture:
+    if not report.HasField("charge_percent"):
+        return picture
+    return _vehicle_with(picture, report.vehicle, battery_percent=report.charge_percent)
 
 
 def _position(picture: Picture, _record: Record, report: PositionReported) -> Picture:
@@ -293,10 +302,14 @@ _MOVES: dict[str, _Change] = {
     "health": _health_moved,
     "mission": status_mission.mission_moved,
     "selftest": status_mission.selftest_moved,
+    "link": status_safety.link_moved,
+    "safety": status_safety.safety_moved,
 }
 _CHANGES: dict[str, _Change] = {
     **aiming.CHANGES,
     **status_mission.CHANGES,
+    **status_safety.CHANGES,
+    "battery_reported": _battery,
     "flight_opened": _opened,
     "baseline_carried": _carried,
     "node_started": _started,

@@ -41,6 +41,15 @@ class Divergence:
         return f"record {self.seq} ({where}), {self.what}: recorded {self.recorded}, replayed {self.replayed}"
 
 
+@dataclass(frozen=True, slots=True)
+class Broken:
+    """A property that recorded decisions broke; the first time."""
+
+    name: str
+    seq: int  # the observation that they follow from
+    words: str
+
+
 @dataclass(slots=True)
 class Gaps:
     """What a redacted copy leaves open. It grows while the copy is replayed."""
@@ -104,6 +113,7 @@ class Verdict:
     detail: str = ""  # why, for a broken chain or an unreadable log
     leaf: str = ""  # hex: leaf of the last record whose chain held
     gaps: Gaps = field(default_factory=Gaps)
+    broken: tuple[Broken, ...] = ()  # properties that the recorded decisions broke; a redacted copy is not asked
 
     @property
     def holds(self) -> bool:
@@ -115,6 +125,8 @@ class Verdict:
         counted = f"{self.records} records, {self.decisions} decisions compared"
         if gaps := self.gaps.words():
             counted = f"{counted}; {gaps}"
+        for one in self.broken:
+            counted = f"{counted}; BROKEN PROPERTY {one.name} at record {one.seq}: {one.words}"
         match self.outcome:
             case Outcome.IDENTICAL:
                 return f"identical: {counted}"

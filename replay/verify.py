@@ -30,6 +30,7 @@ from projections.describe import describe
 from replay.causes import Line, chain, line
 from replay.fields import first_difference
 from replay.incomplete import Partial
+from replay.properties import Properties
 from replay.same import meant, said, same
 from replay.states import SignedStates
 from replay.verdict import Divergence, Gaps, Outcome, Since, Verdict
@@ -86,6 +87,7 @@ class _Run:
         self.intended: Divergence | None = None  # the first difference that a change of logic explains
         self.intentions = 0
         self.sealed = Chain(reader.flight_id, reader.secret)
+        self.properties = Properties()
         self.states = SignedStates(reader.checkpoints() if self.partial is None else (), self.state)
 
     def whole(self, progress: Progress) -> None:
@@ -140,6 +142,7 @@ class _Run:
             detail=detail,
             leaf=self.sealed.leaf.hex(),
             gaps=self.gaps,
+            broken=tuple(self.properties.broken.values()),
         )
 
     def _look_closer(self, recorded: list[Stored], broken: Stored) -> None:
@@ -173,7 +176,8 @@ class _Run:
         self.decisions += len(recorded) - 1
         if len(replayed) != len(recorded) or not all(map(same, recorded, replayed)):
             self._differs(recorded, replayed)
-            self._follow(recorded, observation)
+            replayed = self._follow(recorded, observation)
+        self.properties.see(replayed)
         if (other := self.states.after(recorded[-1].seq)) is not None:
             self.diverged += 1
             self.first = self.first or other
@@ -210,16 +214,18 @@ class _Run:
         if found.replayed is not None:
             self._differs(recorded, found.replayed)
 
-    def _follow(self, recorded: Sequence[Stored], observation: Record) -> None:
-        """Go on from what was recorded; where that can't be applied, from what was replayed."""
+    def _follow(self, recorded: Sequence[Stored], observation: Record) -> tuple[Record, ...]:
+        """Go on from what was recorded, and return it; where it can't be applied, from what was replayed."""
         self.state.journal.rollback()
         try:
-            restore(self.state, [_read(stored) for stored in recorded])
+            records = tuple(_read(stored) for stored in recorded)
+            restore(self.state, records)
         except _Ended:
             raise
         except Exception:  # noqa: BLE001 - a forged decision may break any chart; that it differs is reported already
             self.state.journal.rollback()
-            step(self.state, observation)
+            return step(self.state, observation).records
+        return records
 
 
 class _Signed:

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from events.schema.state_pb2 import (
     CarriedAck,
+    CarriedCorner,
+    CarriedFence,
     CarriedIgnored,
     CarriedList,
     CarriedNonce,
     CarriedObject,
     CarriedOrder,
     CarriedOrderSeq,
+    CarriedOverride,
     CarriedState,
 )
 from statecharts.charts.command import FINAL
@@ -58,6 +61,7 @@ def carry_over(state: State, now_ns: int) -> CarriedState:
     _carry_trust(state, carried)
     for mission in state.missions.values():
         carried.flown_revision = mission.flown_revision
+    _carry_safety(state, carried, now_ns)
     if state.origin.value is not None:
         carried.origin.CopyFrom(state.origin.value.place)
     return carried
@@ -70,6 +74,26 @@ def _carry_trust(state: State, carried: CarriedState) -> None:
     carried.epoch_id, carried.root_version = trusted.epoch_id, trusted.root_version
     carried.time_floor_ms = trusted.time_floor_ms
     carried.list_behind, carried.root_behind = trusted.list_behind, trusted.root_behind
+
+
+def _carry_safety(state: State, carried: CarriedState, now_ns: int) -> None:
+    """Carry what people laid down. Failsafes and the operators' link begin anew: they follow from what is so then."""
+    for fence in state.fences.values():
+        corners = [CarriedCorner(east_mm=east, north_mm=north) for east, north in fence.vertices]
+        carried.fences.append(CarriedFence(inclusion=fence.inclusion, corners=corners))
+    for held in state.overrides.values():
+        if held.until_ns - now_ns >= NS_PER_MS:
+            carried.overrides.append(
+                CarriedOverride(
+                    vehicle=held.vehicle,
+                    scope=held.scope,  # type: ignore[arg-type]
+                    principal_id=held.principal_id,
+                    callsign=held.callsign,
+                    command_id=held.command_id,
+                    reason=held.reason,
+                    left_ms=(held.until_ns - now_ns) // NS_PER_MS,
+                )
+            )
 
 
 def _order(order: Order, now_ns: int) -> CarriedOrder:

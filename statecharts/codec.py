@@ -30,20 +30,25 @@ from statecharts.facts import (
     Camera,
     Control,
     Effect,
+    Failsafe,
     Gimbal,
     Ignored,
     Lens,
+    Link,
     Manifest,
     MapObject,
     Mission,
     Order,
+    Override,
     Poi,
     Scan,
     Selftest,
     Spot,
     Trusted,
     Vehicle,
+    Whereabouts,
 )
+from statecharts.geometry import Fence
 from statecharts.state import State
 from statecharts.table import rows_text
 
@@ -85,17 +90,21 @@ def _single(name: str, row: Any) -> Column:
 COLUMNS: tuple[Column, ...] = (
     Column("aims", str, Aim),
     _single("arrival", Arrival | None),
+    Column("batteries", int, int),
     Column("cameras", str, Camera),
     Column("controls", str, Control),
     Column("deadlines", tuple[str, str], int),
     Column("effects", int, Effect),
+    Column("failsafes", str, Failsafe),
     _single("failures", tuple[int, ...]),
+    Column("fences", int, Fence),
     _single("forgot_ns", int),
     _single("frame", _Frame | None),
     Column("gimbals", str, Gimbal),
     _single("health", str),
     Column("ignored", str, Ignored),
     Column("lenses", str, Lens),
+    Column("links", str, Link),
     Column("lists", bytes, tuple[int, bytes]),
     _single("manifest", Manifest | None),
     Column("missions", int, Mission),
@@ -106,6 +115,7 @@ COLUMNS: tuple[Column, ...] = (
     Column("order_seqs", bytes, int),
     Column("orders", str, Order),
     _single("origin", Spot | None),
+    Column("overrides", tuple[int, int], Override),
     Column("owed_acks", int, str),
     Column("plans", int, MissionPlanned),
     Column("pois", str, Poi),
@@ -114,6 +124,7 @@ COLUMNS: tuple[Column, ...] = (
     _single("surfacings", tuple[int, ...]),
     _single("trusted", Trusted),
     Column("vehicles", int, Vehicle),
+    Column("whereabouts", int, Whereabouts),
 )
 DERIVED = ("grid",)
 

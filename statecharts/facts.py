@@ -82,7 +82,7 @@ class Order(NamedTuple):
     command_id: str
     digest: bytes
     state: str
-    verb: str  # "point", "zoom", "release", "judge" or "" for an unknown variant
+    verb: str  # "point", "zoom", "release", "judge", "override" and so on; "" for an unknown variant
     camera: str  # camera key; "" for none
     gimbal: str  # gimbal key; "" for none
     poi_id: str
@@ -185,8 +185,45 @@ class Vehicle(NamedTuple):
     link: bool = False
     armed: bool = False
     custom_mode: int = 0
-    flight_mode: int = 0  # FlightMode; 0 where custom_mode is none of these
-    landed_state: int | None = None  # MAV_LANDED_STATE; None where it is not told
+    flight_mode: int = 0  # FlightMode; 0: none of these
+    landed_state: int | None = None  # MAV_LANDED_STATE; None: not told
+    home: Spot | None = None
+
+
+class Whereabouts(NamedTuple):
+    """Where a vehicle is and how it moves, since its link came up. Apart from the rest, for this may be redacted."""
+
+    spot: Spot
+    east_mm_s: int = 0
+    north_mm_s: int = 0
+
+
+class Link(NamedTuple):
+    """The link to all operators together."""
+
+    state: str = "unheard"
+    since_ns: int | None = None  # silent since: when somebody was last heard, or armed while nobody ever was
+    heard: bool = False  # somebody was heard in this flight
+
+
+class Failsafe(NamedTuple):
+    """One failsafe of one vehicle, and what it last commanded."""
+
+    state: str = "ok"
+    commanded: str = ""  # "returning" or "landing"; "" for nothing in this flight
+    commanded_ns: int = 0
+
+
+class Override(NamedTuple):
+    """A failsafe that a person holds off."""
+
+    vehicle: int
+    scope: int  # OverrideScope
+    principal_id: str
+    callsign: str
+    command_id: str
+    reason: str
+    until_ns: int
 
 
 class MapObject(NamedTuple):

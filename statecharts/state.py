@@ -10,20 +10,25 @@ from statecharts.facts import (
     Camera,
     Control,
     Effect,
+    Failsafe,
     Gimbal,
     Ignored,
     Lens,
+    Link,
     Manifest,
     MapObject,
     Mission,
     Order,
+    Override,
     Poi,
     Scan,
     Selftest,
     Spot,
     Trusted,
     Vehicle,
+    Whereabouts,
 )
+from statecharts.geometry import Fence
 from statecharts.journal import Journal, Keyed, Single
 
 
@@ -33,11 +38,14 @@ class State:
     __slots__ = (
         "aims",
         "arrival",
+        "batteries",
         "cameras",
         "controls",
         "deadlines",
         "effects",
+        "failsafes",
         "failures",
+        "fences",
         "forgot_ns",
         "frame",
         "gimbals",
@@ -46,6 +54,7 @@ class State:
         "ignored",
         "journal",
         "lenses",
+        "links",
         "lists",
         "manifest",
         "missions",
@@ -56,6 +65,7 @@ class State:
         "order_seqs",
         "orders",
         "origin",
+        "overrides",
         "owed_acks",
         "plans",
         "pois",
@@ -64,6 +74,7 @@ class State:
         "surfacings",
         "trusted",
         "vehicles",
+        "whereabouts",
     )
 
     def __init__(self) -> None:
@@ -91,6 +102,12 @@ class State:
         self.plans: Keyed[int, MissionPlanned] = Keyed(journal)  # vehicle number; as recorded, never changed
         self.missions: Keyed[int, Mission] = Keyed(journal)  # vehicle number
         self.selftests: Keyed[int, Selftest] = Keyed(journal)  # vehicle number
+        self.fences: Keyed[int, Fence] = Keyed(journal)  # index in the mission
+        self.links: Keyed[str, Link] = Keyed(journal)  # "operators"
+        self.failsafes: Keyed[str, Failsafe] = Keyed(journal)  # vehicle and name: "1/fence"
+        self.overrides: Keyed[tuple[int, int], Override] = Keyed(journal)  # vehicle, OverrideScope
+        self.whereabouts: Keyed[int, Whereabouts] = Keyed(journal)  # vehicle number; not there: not told
+        self.batteries: Keyed[int, int] = Keyed(journal)  # vehicle number: charge in percent, as last known
         self.objects: Keyed[int, MapObject] = Keyed(journal)  # object number, from 1
         self.grid: Keyed[tuple[str, int, int], tuple[int, ...]] = Keyed(journal)  # class group, cell east, cell north
         self.pois: Keyed[str, Poi] = Keyed(journal)  # UUID string
@@ -107,6 +124,14 @@ class State:
         if self.manifest.value is None:
             raise LookupError("the flight has no manifest yet")
         return self.manifest.value
+
+    @property
+    def commands_flight(self) -> bool:
+        """Whether this node has a say in how its vehicle flies: orders, a mission, failsafes."""
+        if self.manifest.value is None:
+            return False
+        limits = self.manifest.value.limits
+        return limits.flight_enabled or limits.mission_enabled
 
     def passed(self, chart: str, now_ns: int) -> tuple[str, ...]:
         """Return the instances of a chart whose deadline has passed, in order."""

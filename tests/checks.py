@@ -7,7 +7,7 @@ the core asked for it, in a line `time`, and never unasked.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import product
 from typing import Any
 
@@ -15,6 +15,7 @@ from events import Record
 from events.schema.common_pb2 import Moved
 from events.schema.orders_pb2 import SendAck
 from statecharts import State
+from statecharts.charts.override import SCOPES
 from statecharts.journal import Keyed
 from statecharts.table import Answer, Chart, Row
 from tests.flights import NS_PER_MS
@@ -32,6 +33,9 @@ SAYS = {
     "control": ("take_gimbal", "give_up_gimbal"),
     "aim": (),
     "health": ("send_ack",),
+    "link": (),
+    "safety": ("set_vehicle_mode",),
+    "override": ("override_begun", "override_ended"),
 }
 STATES: dict[str, Callable[[State, str], str]] = {
     "command": lambda state, key: state.orders[key].state,
@@ -43,7 +47,16 @@ STATES: dict[str, Callable[[State, str], str]] = {
     "health": lambda state, _: state.health.value,
     "selftest": lambda state, key: state.selftests[int(key)].state,
     "mission": lambda state, key: state.missions[int(key)].state,
+    "link": lambda state, key: state.links[key].state,
+    "safety": lambda state, key: state.failsafes[key].state,
+    "override": lambda state, key: held_or_idle(state, key),
 }
+
+
+def held_or_idle(state: State, key: str) -> str:
+    """Return where the chart `override` is, which keeps no state but what is held off."""
+    held = [f"{one.vehicle}/{SCOPES[one.scope]}" for one in state.overrides.values()]
+    return "holding" if key in held else "idle"
 
 
 def check_chart(chart: str, table: str, story: Story | None = None, **changes: Any) -> Story:
@@ -139,15 +152,13 @@ def check_same(one: State, other: State) -> None:
 def check_exactly_one_row(chart: Chart[Any], excluded: Sequence[frozenset[tuple[str, bool]]] = ()) -> None:
     """Check that in every cell exactly one row is open, whatever the guards say.
 
-    `excluded` holds the combinations of two guards that can't be, for one is the other's complement.
+    Where every row of a cell has a band of its own, it is enough that each can be the first that is open; where rows
+    share a band, all answers are tried. `excluded` holds the combinations of two guards that can't be, for one is the
+    other's complement.
     """
     bare = with_plain_guards(chart)
     for state, trigger in product(chart.states, chart.triggers):
-        if _is_ladder(chart.cell(state, trigger)):
-            continue
-        names = sorted({name_of(row) for row in chart.cell(state, trigger) if row.guard is not None})
-        for values in product((False, True), repeat=len(names)):
-            truth = dict(zip(names, values, strict=True))
+        for truth in _answers(chart.cell(state, trigger)):
             if any(impossible <= set(truth.items()) for impossible in excluded):
                 continue
             row = bare.ask(state, trigger, truth)
@@ -155,10 +166,15 @@ def check_exactly_one_row(chart: Chart[Any], excluded: Sequence[frozenset[tuple[
             assert (row.answer is Answer.MOVE) or row.target == state
 
 
-def _is_ladder(rows: Sequence[Row[Any]]) -> bool:
-    """Whether each row has a band of its own and the last is always open: then exactly one is, whatever guards say."""
-    bands = [row.band for row in rows]
-    return bool(rows) and len(set(bands)) == len(bands) and rows[-1].guard is None
+def _answers(cell: Sequence[Row[Any]]) -> Iterator[dict[str, bool]]:
+    """Yield what the guards of a cell may say."""
+    names = [name_of(row) for row in cell if row.guard is not None]
+    if len({row.band for row in cell}) == len(cell):
+        for first in range(len(names) + 1):
+            yield {name: place >= first for place, name in enumerate(names)}
+        return
+    for values in product((False, True), repeat=len(names)):
+        yield dict(zip(names, values, strict=True))
 
 
 def with_plain_guards(chart: Chart[Any]) -> Chart[dict[str, bool]]:

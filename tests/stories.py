@@ -53,7 +53,7 @@ from events.schema.vehicle_pb2 import (
     TakeGimbal,
     VehicleLinkChanged,
 )
-from tests import flights, flying
+from tests import flights, flying, stories_of_safety
 from tests.flights import FLIGHT_ID, NS_PER_MS, Flight
 
 MS_PER_S = 1000
@@ -107,6 +107,8 @@ class Story:
             "close": lambda *_: flights.closed(),
             "time": lambda *_: TimePassed(),
         }
+        if verb in stories_of_safety.READ:
+            return self.flight.tell(stories_of_safety.observed(verb, plain, named))
         if verb in flying.READERS:
             return self.flight.tell(flying.READERS[verb](self.flight.records, plain, named))
         records = self.flight.tell(readers[verb](plain, named))
@@ -169,6 +171,8 @@ class Story:
             case "follow":
                 following = FollowPoiOrder(poi_id=self._poi_id(about[0]), camera=camera)
                 return flights.received(name, follow_poi=following, **values)
+            case "override":
+                return stories_of_safety.override(name, about[0], named, **values)
         return flights.received(name, **values)
 
     def _again(self, plain: list[str], named: dict[str, str]) -> OrderReceived:
@@ -314,7 +318,7 @@ def words_of(story: Story, record: Record) -> str:
             return ", ".join(words[one.diff == NEW].format(one) for one in sightings)
         case StepFailed(chart=chart, error=error):
             return f"failed {chart} {error}"
-    return flying.words_of(record.message) or record.kind.name
+    return stories_of_safety.safety_words(record.message) or flying.words_of(record.message) or record.kind.name
 
 
 def is_observation(record: Record) -> bool:

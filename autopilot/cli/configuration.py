@@ -206,7 +206,7 @@ def _problem(detail: ErrorDetails, places: Places, main: str, model: type[BaseMo
     """Return what pydantic found in words, at the line of the key or of the nearest table around it."""
     key = tuple(str(part) for part in detail["loc"])
     if detail["type"] == "value_error":  # a table judged as a whole; its words begin with the key
-        key = (*key, detail["msg"].removeprefix("Value error, ").split()[0])
+        key = (*key, *detail["msg"].removeprefix("Value error, ").split()[0].split("."))
     file, line = next((places[key[:n]] for n in range(len(key), 0, -1) if key[:n] in places), (main, 0))
     named = ".".join(part for part in key if not part.isdigit())
     return Problem(file=file, line=line, key=named, reason=_reason(detail, key, model))

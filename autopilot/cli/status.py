@@ -14,6 +14,7 @@ from typing import Any
 
 from autopilot.cli.configuration import DEFAULT_PATH, VARIABLE, ConfigurationError, load
 from autopilot.node import notice
+from autopilot.node.board_safety import STATES
 from projections.store import Unreadable, read_status
 from projections.words import coordinates, degrees, metres, percent, seconds
 
@@ -88,6 +89,7 @@ def screen(status: dict[str, Any], age_ns: int) -> Iterator[str]:
     yield f"age       {age(age_ns)} since the newest record, {seconds(status['flight_ns'])} s into the flight"
     yield from _vehicles(status)
     yield from _mission(status)
+    yield from _safety(status)
     yield from _cameras(status)
     yield from _findings(status)
     orders = ", ".join(f"{count} {name}" for name, count in status["orders"].items() if count)
@@ -118,7 +120,27 @@ def _vehicles(status: dict[str, Any]) -> Iterator[str]:
             place = coordinates(one["latitude_e7"], one["longitude_e7"])
             where = f", at {place}, {metres(one['height_mm'])} m above home"
         armed = "armed" if one["armed"] else "disarmed"
-        yield f"vehicle   {number} {'heard' if one['link'] else 'silent'}, {armed}{where}"
+        charge = "" if one["battery_percent"] is None else f", battery {one['battery_percent']} %"
+        yield f"vehicle   {number} {'heard' if one['link'] else 'silent'}, {armed}{charge}{where}"
+
+
+def _safety(status: dict[str, Any]) -> Iterator[str]:
+    if not status["failsafes_enabled"] and not status["properties_broken"]:
+        return
+    link = status["operator_link"] or "not watched"
+    yield f"failsafes {'on' if status['failsafes_enabled'] else 'off'}, link to operators {link}"
+    for key, one in status["failsafes"].items():
+        if one["state"] != "ok":
+            because = f": {one['because']}" if one["because"] else ""
+            yield f"  {key} {STATES.get(one['state'], one['state'])}{because}"
+    for one in status["overrides"].values():
+        left_ns = max(one["until_ns"] - status["flight_ns"], 0)
+        yield (
+            f"  {one['callsign'] or one['principal_id']} holds {one['scope'].replace('_', ' ')} off: {one['reason']},"
+            f" {seconds(left_ns)} s left"
+        )
+    for name, words in status["properties_broken"].items():
+        yield f"BROKEN    {name}, which must never be: {words}"
 
 
 def _mission(status: dict[str, Any]) -> Iterator[str]:

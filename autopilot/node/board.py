@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Callable
 
 from autopilot.node.board_mission import say_mission
+from autopilot.node.board_safety import say_safety
 from autopilot.node.flights import Session
 from autopilot.trust.verdict import Sealed
 from events.records import Record
@@ -109,6 +110,7 @@ class Board:
             map_objects=picture.map_objects,
         )
         say_mission(said, picture)
+        say_safety(said, picture, now_ns)
         if self.disk_short:
             said.disk_short = self.disk_short
         if (sealing := self.session.sealing) is not None and sealing.newest:

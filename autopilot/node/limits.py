@@ -43,6 +43,7 @@ def _limits(config: Config) -> Limits:
     """Return every number that a guard reads, in the units of flight.proto."""
     command, find, scan, limits = config.command, config.find, config.scan, config.limits
     mission = config.mission
+    safety = config.safety
     return Limits(
         command_enabled=command.enabled,
         camera_roles=sorted(command.camera_roles),
@@ -82,6 +83,15 @@ def _limits(config: Config) -> Limits:
         take_from_others=command.take_from_others,
         drift_cdeg=_hundredths(limits.drift_deg),
         drift_settle_ms=_thousandths(limits.drift_settle_s),
+        flight_enabled=config.flight.enabled,
+        battery_return_percent=safety.battery_return_percent,
+        battery_land_percent=safety.battery_land_percent,
+        operator_degraded_ms=_thousandths(safety.operator_degraded_s),
+        operator_lost_ms=_thousandths(safety.operator_lost_s),
+        operator_lost_following_ms=_thousandths(safety.operator_lost_following_s),
+        failsafe_again_ms=_thousandths(safety.failsafe_again_s),
+        fence_ahead_ms=_thousandths(safety.fence_ahead_s),
+        override_longest_ms=_thousandths(safety.override_longest_s),
     )
 
 

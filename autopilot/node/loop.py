@@ -18,6 +18,7 @@ from google.protobuf.message import Message
 
 from autopilot.node.flights import Flights, Session
 from autopilot.node.inbox import Inbox
+from autopilot.node.watching import Watching
 from autopilot.ports.config import LimitsSection
 from autopilot.ports.edges import Clock
 from events.kinds import Role, UnknownKind
@@ -75,6 +76,7 @@ class NodeLoop(threading.Thread):
         self._on_records = on_records
         self._perform = perform
         self._on_end = on_end
+        self._watching: Watching
         self._asked_to_stop: Stop | None = None
         self._pending: list[Record] = []
         self._commit_by_ns = 0
@@ -107,6 +109,7 @@ class NodeLoop(threading.Thread):
             self._on_end()
 
     def _open(self, session: Session) -> Session:
+        self._watching = Watching(session.state)
         self._on_session(session)
         for record in session.fresh:
             self._hand_over(record)
@@ -148,7 +151,10 @@ class NodeLoop(threading.Thread):
     def _add(self, session: Session, observation: Message) -> None:
         if not self._pending:
             self._commit_by_ns = self._clock.mono_ns() + self._limits.commit_within_ms * 1_000_000
-        self._pending.extend(session.observe(observation))
+        records = session.observe(observation)
+        self._pending.extend(records)
+        for broken in self._watching.see(records):
+            self._add(session, broken)
 
     def _must_commit(self) -> bool:
         return any(record.kind.sync or _is_awaited(record) for record in self._pending)

@@ -152,8 +152,11 @@ class EyesSection(Section):
 
 
 class FlightSection(Section):
-    """Where a flight begins and ends."""
+    """Where a flight begins and ends, and whether this node has a say in how it is flown."""
 
+    enabled: bool = Field(
+        False, description="True: orders of the flight are taken, and failsafes command the vehicle ([safety])."
+    )
     close_after_s: float = Field(180, ge=0, le=86_400, description="Disarmed this long: the flight is closed.")
     outage_longest_h: float = Field(
         24, gt=0, le=8760, description="A longer outage is not believed: a wall clock that jumped is no outage."
@@ -167,6 +170,49 @@ class FlightSection(Section):
         """Say so when latitude and longitude are swapped or not degrees."""
         if self.origin is not None and not (abs(self.origin[0]) <= 90 and abs(self.origin[1]) <= 180):
             raise ValueError("origin is latitude (+-90), longitude (+-180), altitude in metres, in this order")
+        return self
+
+
+# GLOBAL_POSITION_INT is asked for this often; a place is at most so much older than it is thinned to.
+POSITION_STREAM_S = 0.2
+
+
+class SafetySection(Section):
+    """When the vehicle is sent home or down, where [flight] or [mission] is enabled (seed 004, section 4)."""
+
+    battery_return_percent: int = Field(25, ge=0, le=100, description="From this charge down it returns; 0: never.")
+    battery_land_percent: int = Field(
+        15, ge=0, le=100, description="From this charge down it lands where it is, and nobody holds that off; 0: never."
+    )
+    operator_degraded_s: float = Field(
+        5, gt=0, le=3600, description="No word of any operator for so long: the link is called degraded."
+    )
+    operator_lost_s: float = Field(
+        30, ge=0, le=86_400, description="No word for so long: the link is lost, and the vehicle returns; 0: never."
+    )
+    operator_lost_following_s: float = Field(
+        30, ge=0, le=86_400, description="So much longer while a camera follows something: it is not lost for a moment."
+    )
+    failsafe_again_s: float = Field(
+        5, ge=1, le=60, description="A vehicle that does not comply is commanded again after this: it takes time to."
+    )
+    fence_ahead_s: float = Field(
+        2.0,
+        gt=0,
+        le=60,
+        description="So far ahead the way may not break a fence: what a place is late by, and what turning takes.",
+    )
+    override_longest_s: float = Field(
+        600, gt=0, le=86_400, description="A person holds a failsafe off for this at most; then it is asked for anew."
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> SafetySection:
+        """The landing comes below the return, and a link is degraded before it is lost."""
+        if self.battery_land_percent and not self.battery_land_percent < self.battery_return_percent:
+            raise ValueError("battery_land_percent is not below battery_return_percent")
+        if self.operator_lost_s and not self.operator_degraded_s < self.operator_lost_s:
+            raise ValueError("operator_degraded_s is not below operator_lost_s")
         return self
 
 
@@ -263,8 +309,25 @@ class Config(Section):
     vehicle: VehicleSection = VehicleSection()
     eyes: EyesSection = EyesSection()
     flight: FlightSection = FlightSection()
+    safety: SafetySection = SafetySection()
     retention: RetentionSection = RetentionSection()
     find: FindSection = FindSection()
     scan: ScanSection = ScanSection()
     mission: MissionSection = MissionSection()
     limits: LimitsSection = LimitsSection()
+
+    @property
+    def commands_flight(self) -> bool:
+        """Whether this node has a say in how its vehicle flies."""
+        return self.flight.enabled or self.mission.enabled
+
+    @model_validator(mode="after")
+    def _looks_ahead_of_its_places(self) -> Config:
+        """A fence is looked at only when a place is told: the look ahead must reach to the next one."""
+        late_s = self.vehicle.position_period_s + POSITION_STREAM_S
+        if self.commands_flight and self.safety.fence_ahead_s < late_s:
+            raise ValueError(
+                f"safety.fence_ahead_s is below {late_s:g}: places are told vehicle.position_period_s apart,"
+                f" and the vehicle says them every {POSITION_STREAM_S:g} s"
+            )
+        return self

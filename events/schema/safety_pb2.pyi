@@ -311,3 +311,33 @@ class OverrideEnded(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___OverrideEnded: _TypeAlias = OverrideEnded  # noqa: Y015
+
+@_typing.final
+class PropertyBroken(_message.Message):
+    """What a monitor watches for has been seen: this node decided what it must never decide. It flies on, and says so."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PROPERTY_FIELD_NUMBER: _builtins.int
+    WORDS_FIELD_NUMBER: _builtins.int
+    AT_SEQ_FIELD_NUMBER: _builtins.int
+    property: _builtins.str
+    """Name of the property ("monitors" where the monitors themselves failed)."""
+    words: _builtins.str
+    """What was seen, in words."""
+    at_seq: _builtins.int
+    """The record at which it was seen."""
+    def __init__(
+        self,
+        *,
+        property: _builtins.str | None = ...,
+        words: _builtins.str | None = ...,
+        at_seq: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["at_seq", b"at_seq", "property", b"property", "words", b"words"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["at_seq", b"at_seq", "property", b"property", "words", b"words"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PropertyBroken: _TypeAlias = PropertyBroken  # noqa: Y015

@@ -5,6 +5,7 @@ isort:skip_file
 
 from collections import abc as _abc
 from events.schema import common_pb2 as _common_pb2
+from events.schema import safety_pb2 as _safety_pb2
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
 from google.protobuf.internal import containers as _containers
@@ -266,6 +267,106 @@ class CarriedList(_message.Message):
 Global___CarriedList: _TypeAlias = CarriedList  # noqa: Y015
 
 @_typing.final
+class CarriedCorner(_message.Message):
+    """A corner of a fence, in millimetres from the flight's origin."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    EAST_MM_FIELD_NUMBER: _builtins.int
+    NORTH_MM_FIELD_NUMBER: _builtins.int
+    east_mm: _builtins.int
+    """Millimetres east."""
+    north_mm: _builtins.int
+    """Millimetres north."""
+    def __init__(
+        self,
+        *,
+        east_mm: _builtins.int | None = ...,
+        north_mm: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["east_mm", b"east_mm", "north_mm", b"north_mm"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["east_mm", b"east_mm", "north_mm", b"north_mm"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CarriedCorner: _TypeAlias = CarriedCorner  # noqa: Y015
+
+@_typing.final
+class CarriedFence(_message.Message):
+    """A fence."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    INCLUSION_FIELD_NUMBER: _builtins.int
+    CORNERS_FIELD_NUMBER: _builtins.int
+    inclusion: _builtins.bool
+    """True: stay inside. False: stay outside."""
+    @_builtins.property
+    def corners(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedCorner]:
+        """Corners, in order."""
+
+    def __init__(
+        self,
+        *,
+        inclusion: _builtins.bool | None = ...,
+        corners: _abc.Iterable[Global___CarriedCorner] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["corners", b"corners", "inclusion", b"inclusion"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["corners", b"corners", "inclusion", b"inclusion"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CarriedFence: _TypeAlias = CarriedFence  # noqa: Y015
+
+@_typing.final
+class CarriedOverride(_message.Message):
+    """A failsafe that a person holds off."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    SCOPE_FIELD_NUMBER: _builtins.int
+    PRINCIPAL_ID_FIELD_NUMBER: _builtins.int
+    CALLSIGN_FIELD_NUMBER: _builtins.int
+    COMMAND_ID_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    LEFT_MS_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    scope: _safety_pb2.OverrideScope.ValueType
+    """What is held off."""
+    principal_id: _builtins.str
+    """Who: principal of the signed order."""
+    callsign: _builtins.str
+    """Name that people use for this principal."""
+    command_id: _builtins.str
+    """The order."""
+    reason: _builtins.str
+    """Why, in that person's words."""
+    left_ms: _builtins.int
+    """What is left of it, in milliseconds."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        scope: _safety_pb2.OverrideScope.ValueType | None = ...,
+        principal_id: _builtins.str | None = ...,
+        callsign: _builtins.str | None = ...,
+        command_id: _builtins.str | None = ...,
+        reason: _builtins.str | None = ...,
+        left_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["callsign", b"callsign", "command_id", b"command_id", "left_ms", b"left_ms", "principal_id", b"principal_id", "reason", b"reason", "scope", b"scope", "vehicle", b"vehicle"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["callsign", b"callsign", "command_id", b"command_id", "left_ms", b"left_ms", "principal_id", b"principal_id", "reason", b"reason", "scope", b"scope", "vehicle", b"vehicle"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CarriedOverride: _TypeAlias = CarriedOverride  # noqa: Y015
+
+@_typing.final
 class CarriedState(_message.Message):
     """What outlives a flight (design: carry_over)."""
 
@@ -285,6 +386,8 @@ class CarriedState(_message.Message):
     LIST_BEHIND_FIELD_NUMBER: _builtins.int
     ROOT_BEHIND_FIELD_NUMBER: _builtins.int
     FLOWN_REVISION_FIELD_NUMBER: _builtins.int
+    FENCES_FIELD_NUMBER: _builtins.int
+    OVERRIDES_FIELD_NUMBER: _builtins.int
     epoch_id: _builtins.int
     """Highest epoch that was taken."""
     root_version: _builtins.int
@@ -329,6 +432,14 @@ class CarriedState(_message.Message):
     def lists(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedList]:
         """Newest revocation lists, one a key."""
 
+    @_builtins.property
+    def fences(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedFence]:
+        """Fences."""
+
+    @_builtins.property
+    def overrides(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedOverride]:
+        """Failsafes that are held off."""
+
     def __init__(
         self,
         *,
@@ -346,10 +457,12 @@ class CarriedState(_message.Message):
         list_behind: _builtins.bool | None = ...,
         root_behind: _builtins.bool | None = ...,
         flown_revision: _builtins.str | None = ...,
+        fences: _abc.Iterable[Global___CarriedFence] | None = ...,
+        overrides: _abc.Iterable[Global___CarriedOverride] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "fences", b"fences", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "overrides", b"overrides", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "fences", b"fences", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "overrides", b"overrides", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -1103,6 +1103,12 @@ class NodeStatus(_message.Message):
     CAMERA_ROLES_FIELD_NUMBER: _builtins.int
     FLIGHT_ROLES_FIELD_NUMBER: _builtins.int
     MISSION_FIELD_NUMBER: _builtins.int
+    OPERATOR_LINK_FIELD_NUMBER: _builtins.int
+    BATTERY_PERCENT_FIELD_NUMBER: _builtins.int
+    FAILSAFES_FIELD_NUMBER: _builtins.int
+    OVERRIDES_FIELD_NUMBER: _builtins.int
+    PROPERTIES_BROKEN_FIELD_NUMBER: _builtins.int
+    FAILSAFES_ENABLED_FIELD_NUMBER: _builtins.int
     at_ms: _builtins.int
     """Node's clock, milliseconds since 1970."""
     flight_id: _builtins.bytes
@@ -1147,6 +1153,12 @@ class NodeStatus(_message.Message):
     """The revocation list is overdue, and what is allowed tightens; absent otherwise."""
     epoch_id: _builtins.int
     """Newest epoch of the group key that the node holds."""
+    operator_link: _builtins.str
+    """Link to the operators: "unheard", "ok", "degraded", "lost", "lost while following"; absent where it is not watched."""
+    battery_percent: _builtins.int
+    """Charge of the vehicle's battery in percent; absent where it is not known."""
+    failsafes_enabled: _builtins.bool
+    """Whether failsafes may command this vehicle's flight at all."""
     @_builtins.property
     def cameras(self) -> _containers.RepeatedCompositeFieldContainer[Global___CameraStatus]:
         """Cameras and who holds them."""
@@ -1170,6 +1182,18 @@ class NodeStatus(_message.Message):
     @_builtins.property
     def mission(self) -> Global___MissionStatus:
         """How far the mission is; absent where this node flies none."""
+
+    @_builtins.property
+    def failsafes(self) -> _containers.RepeatedCompositeFieldContainer[Global___FailsafeStatus]:
+        """Failsafes that are not at rest, in words; empty while all are."""
+
+    @_builtins.property
+    def overrides(self) -> _containers.RepeatedCompositeFieldContainer[Global___OverrideStatus]:
+        """Failsafes that a person holds off."""
+
+    @_builtins.property
+    def properties_broken(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Properties that this node has broken since its flight began, in words; empty means none."""
 
     def __init__(
         self,
@@ -1202,10 +1226,16 @@ class NodeStatus(_message.Message):
         camera_roles: _abc.Iterable[_builtins.str] | None = ...,
         flight_roles: _abc.Iterable[_builtins.str] | None = ...,
         mission: Global___MissionStatus | None = ...,
+        operator_link: _builtins.str | None = ...,
+        battery_percent: _builtins.int | None = ...,
+        failsafes: _abc.Iterable[Global___FailsafeStatus] | None = ...,
+        overrides: _abc.Iterable[Global___OverrideStatus] | None = ...,
+        properties_broken: _abc.Iterable[_builtins.str] | None = ...,
+        failsafes_enabled: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "battery_percent", b"battery_percent", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "failsafes", b"failsafes", "failsafes_enabled", b"failsafes_enabled", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "operator_link", b"operator_link", "overrides", b"overrides", "pois", b"pois", "properties_broken", b"properties_broken", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "battery_percent", b"battery_percent", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "failsafes", b"failsafes", "failsafes_enabled", b"failsafes_enabled", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "operator_link", b"operator_link", "overrides", b"overrides", "pois", b"pois", "properties_broken", b"properties_broken", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -1270,6 +1300,70 @@ class MissionStatus(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___MissionStatus: _TypeAlias = MissionStatus  # noqa: Y015
+
+@_typing.final
+class FailsafeStatus(_message.Message):
+    """A failsafe that is not at rest."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NAME_FIELD_NUMBER: _builtins.int
+    STATE_FIELD_NUMBER: _builtins.int
+    BECAUSE_FIELD_NUMBER: _builtins.int
+    name: _builtins.str
+    """"fence", "battery" or "link"."""
+    state: _builtins.str
+    """"held off", "vehicle unreachable", "landing instead", "about to command", "returning", "landing" or "complying"."""
+    because: _builtins.str
+    """Why, in words."""
+    def __init__(
+        self,
+        *,
+        name: _builtins.str | None = ...,
+        state: _builtins.str | None = ...,
+        because: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "name", b"name", "state", b"state"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "name", b"name", "state", b"state"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___FailsafeStatus: _TypeAlias = FailsafeStatus  # noqa: Y015
+
+@_typing.final
+class OverrideStatus(_message.Message):
+    """A failsafe that a person holds off."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCOPE_FIELD_NUMBER: _builtins.int
+    CALLSIGN_FIELD_NUMBER: _builtins.int
+    REASON_FIELD_NUMBER: _builtins.int
+    LEFT_MS_FIELD_NUMBER: _builtins.int
+    scope: _builtins.str
+    """"battery_return", "link_return" or "fence_return"."""
+    callsign: _builtins.str
+    """Name that people use for whoever holds it off."""
+    reason: _builtins.str
+    """Why, in that person's words."""
+    left_ms: _builtins.int
+    """What is left of it, in milliseconds."""
+    def __init__(
+        self,
+        *,
+        scope: _builtins.str | None = ...,
+        callsign: _builtins.str | None = ...,
+        reason: _builtins.str | None = ...,
+        left_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["callsign", b"callsign", "left_ms", b"left_ms", "reason", b"reason", "scope", b"scope"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["callsign", b"callsign", "left_ms", b"left_ms", "reason", b"reason", "scope", b"scope"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___OverrideStatus: _TypeAlias = OverrideStatus  # noqa: Y015
 
 @_typing.final
 class ConsistencyRequest(_message.Message):

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from events.schema.common_pb2 import Place
 from events.schema.orders_pb2 import OrderReceived
 from statecharts.charts import command_gimbal as gimbal
+from statecharts.charts import command_override as override
 from statecharts.charts import gimbals
 from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
 from statecharts.facts import Arrival, Order
@@ -35,7 +36,7 @@ FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
 UNDERWAY = ("intended", "sent", "in_progress")
 # What points, zooms, releases or judges harms nobody much. Anything else, also what is not known here, moves more.
 CAMERA_VERBS = ("point", "zoom", "release", "judge", "follow")
-FLIGHT_VERBS = ("fly", "mode", "mission", "acknowledge")
+FLIGHT_VERBS = ("fly", "mode", "mission", "acknowledge", "override")
 MISSION_VERBS = ("mission", "acknowledge")
 # A person's word: it is recorded, other charts hear it, and nothing leaves for the vehicle by this chart.
 RECORDED_VERBS = ("judge", "mission", "acknowledge")
@@ -47,6 +48,7 @@ MAY_ASK: dict[str, tuple[str, ...]] = {
     "resume": MAY_RESUME,
     "abort": tuple(state for state in STATES if state not in OVER),
 }
+
 
 # A repeat of an order is answered so often within so long; what comes beyond that hears nothing.
 REPEATS_ANSWERED = 2
@@ -309,6 +311,11 @@ _GATES: tuple[tuple[str, str, Callable[[Facts], bool] | None], ...] = (
     ("rejected", "no self-test with this report waits for a word", no_such_report),
     ("rejected", "only what a person has confirmed is followed", not_confirmed),
     ("accepted", "recorded", judgement),
+    ("unsupported", "this node commands no failsafes", override.no_failsafes),
+    ("unsupported", "nothing that can be held off", override.unknown_scope),
+    ("rejected", "a reason is needed", override.no_reason),
+    ("rejected", "held for no time, or for longer than allowed", override.too_long),
+    ("accepted", "held off", override.held_off),
     ("rejected", "no vehicle is heard", vehicle_silent),
     ("accepted", "the camera follows it", to_follow),
     ("rejected", "the vehicle is not armed", on_the_ground),

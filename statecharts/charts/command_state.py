@@ -108,6 +108,8 @@ def _asked(received: OrderReceived) -> tuple[str, str, str, bool]:
             return "mission", "", "", False
         case "acknowledge_selftest":
             return "acknowledge", "", "", False
+        case "override_safety":
+            return "override", "", "", False
     return "", "", "", False
 
 

@@ -7,6 +7,7 @@ from events.schema.flight_pb2 import BaselineCarried, FlightOpened, OriginSet
 from events.schema.state_pb2 import CarriedObject, CarriedOrder, CarriedState
 from statecharts.charts.command import FINAL
 from statecharts.charts.mapping import place_object
+from statecharts.charts.override import hold
 from statecharts.facts import (
     Camera,
     Ignored,
@@ -14,11 +15,13 @@ from statecharts.facts import (
     MapObject,
     Mission,
     Order,
+    Override,
     Spot,
     Trusted,
     fitting_key,
     order_key,
 )
+from statecharts.geometry import Fence
 from statecharts.part import Evolve
 from statecharts.state import State
 
@@ -77,6 +80,7 @@ def load_carried(state: State, carried: CarriedState, now_ns: int) -> None:
     for item in carried.ignored:
         spot = Spot.of(item.place)
         state.ignored.put(item.poi_id, Ignored(item.poi_id, item.class_group, spot, item.principal_id, item.muted))
+    _load_safety(state, carried, now_ns)
     for newest_list in carried.lists:
         state.lists.put(newest_list.key_id, (newest_list.list_version, newest_list.digest))
     state.trusted.set(
@@ -92,6 +96,15 @@ def load_carried(state: State, carried: CarriedState, now_ns: int) -> None:
         state.missions.put(VEHICLE, Mission(flown_revision=carried.flown_revision))
     if carried.HasField("origin"):
         state.origin.set(Spot.of(carried.origin))
+
+
+def _load_safety(state: State, carried: CarriedState, now_ns: int) -> None:
+    for index, fence in enumerate(carried.fences):
+        corners = tuple((corner.east_mm, corner.north_mm) for corner in fence.corners)
+        state.fences.put(index, Fence(fence.inclusion, corners))
+    for held in carried.overrides:
+        names = held.principal_id, held.callsign, held.command_id, held.reason
+        hold(state, Override(held.vehicle, held.scope, *names, now_ns + held.left_ms * NS_PER_MS))
 
 
 def _order(carried: CarriedOrder, in_reply_to: bytes, now_ns: int) -> Order:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from events import Record
 from tests.flights import Flight, story
-from tests.golden import findings, gimbals, misfortunes, orders
+from tests.golden import failsafes, findings, gimbals, misfortunes, orders
 from tests.golden.chance import by_chance
 from tests.replay.changes import at, forged
 
@@ -70,6 +70,13 @@ GOLDEN = (
     Golden("poisoned", "Failed orders are answered, in safe mode too.", _told(misfortunes.poisoned)),
     Golden("losses", "Dropped inputs, rejected samples, lost eyes, a full disk.", _told(misfortunes.losses)),
     Golden(
+        "failsafes",
+        "Fences and charges demand, command and wait, and are held off, by the millisecond.",
+        _told(failsafes.failsafes),
+    ),
+    Golden("silence", "Operators who are silent, come back, or never were.", _told(failsafes.silence)),
+    Golden("no_say", "The same on a node that has no say in the flight decides nothing.", _told(failsafes.no_say)),
+    Golden(
         "extremes", "The least and the greatest of every field, and names nobody expects.", _told(misfortunes.extremes)
     ),
     Golden("chance", "What nobody thought of: 300 lines by chance.", lambda: by_chance(0, 300).records),
@@ -77,6 +84,18 @@ GOLDEN = (
 
 # Rows that no flight can ask for, by reason: "chart state triggers". A row that is asked after all must leave.
 UNREACHED = {
+    "a failsafe at rest of which nothing is demanded is not asked": ("safety ok looked",),
+    "only the battery demands the landing, and nothing is stronger": (
+        "safety overruled looked",
+        "safety landing looked",
+    ),
+    "an override that is not there waits for nothing": ("override idle time_passed time_lost",),
+    "no camera follows anything yet": (
+        "link unheard looked",
+        "link ok looked",
+        "link degraded looked",
+        "link lost_following heard looked time_lost",
+    ),
     "an order is `received` for the length of one step only": (
         "command received command_sent command_answered command_unanswered time_passed node_started",
     ),

@@ -116,6 +116,7 @@ def test_the_layout_has_a_name_that_changes_with_it(monkeypatch: pytest.MonkeyPa
     check_equal((len(lines), len(LAYOUT)), (len(COLUMNS), 4))
     check_equal("selftests: int to Selftest(state str, effect_seq int)" in lines, True)
     check_equal("plans: int to MissionPlanned" in lines, True)
+    check_equal("fences: int to Fence(inclusion bool, vertices tuple[tuple[int, int], ...])" in lines, True)
     check_equal("nonces: tuple[bytes, bytes] to int" in lines, True)
     check_equal("origin: none to Spot(east_mm int, north_mm int, place Place) or none" in lines, True)
     before = software_digest(LOGIC)

@@ -17,6 +17,7 @@ from tests.checks import check_equal, check_moves_are_the_state, check_same
 from tests.flights import opened_well
 from tests.monitors import complaints
 from tests.stories import Story
+from tests.stories_of_safety import SAFE_LIMITS
 
 NAMES = st.sampled_from("abcd")
 GOOD = st.sampled_from(["", " by=bravo"])
@@ -38,6 +39,18 @@ THINGS = st.builds(
 )
 OUTCOMES = st.sampled_from(
     [*(f"answered newest {result}" for result in (0, 0, 0, 2, 3, 5)), "unanswered newest silence", "sent newest"]
+)
+DANGERS = st.one_of(
+    st.sampled_from(["battery 90", "battery 25", "battery 15", "battery 9", "heard alpha", "start no clock"]),
+    st.sampled_from(["flies", "flies", "flies return", "flies land", "grounded"]),
+    st.sampled_from(["fence in=-50,-50,50,50", "fence in=-50,-50,50,50 in2=40,-50,150,50 out=-9,-9,9,9", "fence"]),
+    st.builds("spot {},{} speed={},0".format, *[st.sampled_from([-60, -20, 0, 45, 50, 150])] * 2, st.integers(-30, 30)),
+    st.builds(
+        "order {} override {} for={}".format,
+        st.text("mnop", min_size=2, max_size=3),
+        st.sampled_from(["battery", "link", "fence", "landing"]),
+        st.sampled_from([0, 1, 20, 600, 601]),
+    ),
 )
 WORDS = st.one_of(
     OUTCOMES,
@@ -68,13 +81,21 @@ WORDS = st.one_of(
     st.lists(THINGS, max_size=4).map(lambda things: " ".join(["frame", *things])),
     st.lists(THINGS, max_size=4).map(lambda things: " ".join(["frame", *things])),
     st.sampled_from(["vehicle down", "vehicle up", "vehicle up", "start", "malformed e", "malformed a"]),
+    DANGERS,
+    DANGERS,
 )
 STEPS = st.lists(
     st.tuples(st.sampled_from([0, 0, 0, 1, 50, 50, 500, 500, 3_000, 15_000, 40_000, 200_000]), WORDS),
     min_size=10,
     max_size=40,
 )
-LIMITS = {"sightings_to_ask": 1, "asks_per_minute": 2, "scan_enabled": True, "frame_rate_floor_mhz": 200}
+LIMITS = SAFE_LIMITS | {
+    "sightings_to_ask": 1,
+    "asks_per_minute": 2,
+    "scan_enabled": True,
+    "frame_rate_floor_mhz": 200,
+    "failsafe_again_ms": 20_000,
+}
 
 
 def fly(steps: list[tuple[int, str]], prompt: bool) -> Story:

@@ -75,6 +75,19 @@ def check_problems(folder: Path, text: str, expected: str) -> None:
         ('[eyes]\nendpoint = "a:0"', '6 | eyes.endpoint | endpoint is host:port, such as 127.0.0.1:7600, not "a:0"'),
         ("[find]\ndecide_shortest_s = 200", "6 | find.decide_shortest_s | decide_shortest_s is above decide_longest_s"),
         ('[find.groups]\na = ["dog"]\nb = ["dog", "cow"]', "5 | find.groups | groups has dog more than once"),
+        (
+            "[safety]\nbattery_land_percent = 25",
+            "6 | safety.battery_land_percent | battery_land_percent is not below battery_return_percent",
+        ),
+        (
+            "[safety]\noperator_lost_s = 5",
+            "5 | safety.operator_degraded_s | operator_degraded_s is not below operator_lost_s",
+        ),
+        (
+            "[flight]\nenabled = true\n[safety]\nfence_ahead_s = 0.69",
+            "8 | safety.fence_ahead_s | safety.fence_ahead_s is below 0.7: places are told vehicle.position_period_s"
+            " apart, and the vehicle says them every 0.2 s",
+        ),
         ("[eyes.pose]\nlatitude_deg = 1\nlongitude_deg = 2\npitch_deg = 3", "5 | eyes.pose.height_m | is missing"),
         (
             '[eyes]\nsource = "file"\npath = "/no/v.avi"\nmodel = "/no/m.onnx"',
@@ -251,12 +264,19 @@ def test_the_manifest_has_every_limit_in_its_unit() -> None:
     """No field of Limits is left out, and the units are those of flight.proto."""
     message = configuration_message(
         config_of(
-            command={"enabled": True, "camera_roles": ["b", "a"], "flight_roles": ["d", "c"]}, scan={"look_s": 2.5}
+            command={"enabled": True, "camera_roles": ["b", "a"], "flight_roles": ["d", "c"]},
+            scan={"look_s": 2.5},
+            flight={"enabled": True},
+            safety={"fence_ahead_s": 2.5},
         )
     )
     limits = message.limits
     written = {field.name for field, _ in limits.ListFields()}
     assert {field.name for field in limits.DESCRIPTOR.fields} - written == set()
+    assert (limits.flight_enabled, limits.battery_return_percent, limits.battery_land_percent) == (True, 25, 15)
+    assert (limits.operator_degraded_ms, limits.operator_lost_ms) == (5_000, 30_000)
+    assert (limits.operator_lost_following_ms, limits.failsafe_again_ms) == (30_000, 5_000)
+    assert (limits.fence_ahead_ms, limits.override_longest_ms) == (2_500, 600_000)
     assert (list(limits.camera_roles), list(limits.flight_roles)) == (["a", "b"], ["c", "d"])
     assert (limits.command_enabled, limits.operator_hold_ms, limits.release_pause_ms) == (True, 60_000, 3_000)
     assert (limits.arrival_tolerance_cdeg, limits.arrival_patience_ms, limits.dedup_keep_ms) == (

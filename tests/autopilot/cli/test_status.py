@@ -10,6 +10,7 @@ import pytest
 
 from autopilot.cli import status
 from autopilot.node import notice
+from events.schema.safety_pb2 import PropertyBroken
 from projections import status as fold
 from projections.picture import Status
 from projections.store import Projector
@@ -26,6 +27,7 @@ from tests.flights import (
     story,
 )
 from tests.stories import Story
+from tests.stories_of_safety import SAFE_LIMITS
 
 
 def kept(path: Path, flight: Flight) -> Path:
@@ -177,3 +179,27 @@ def test_no_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """66, and a question that leads further."""
     assert run(status, ["status", "--projections", str(tmp_path / "none.db")]) == 66
     assert "has the node run?" in capsys.readouterr().err
+
+
+def test_a_screen_in_danger() -> None:
+    """Failsafes that are not at rest, who holds one off, and what must never be."""
+    story = Story(**SAFE_LIMITS)
+    for words in ("heard alpha", "fence in=-9,-9,9,9", "spot 20,0", "battery 24", "order a override battery because=x"):
+        story.tell(words)
+    story.flight.tell(PropertyBroken(property="hands_off", words="so it is", at_seq=7))
+    story.flight.wait(5_000)
+    check_screen(
+        story.flight,
+        "vehicle 1 heard, armed, battery 24 %, at 52.1000000 4.3002941, 50.0 m above home",
+        "failsafes on, link to operators degraded",
+        "1/fence returning: outside every inclusion fence",
+        "1/battery held off: battery at 24 %",
+        "ALPHA holds battery return off: x, 55.0 s left",
+        "BROKEN hands_off, which must never be: record 7: so it is",
+    )
+
+
+def test_a_screen_without_a_say_in_the_flight() -> None:
+    """Nothing of failsafes is shown where there are none."""
+    shown = list(status.screen(plain(Flight()), 0))
+    assert [line for line in shown if "failsafe" in line] == []

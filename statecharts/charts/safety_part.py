@@ -1,0 +1,173 @@
+"""What the chart `safety` says and how its part of the state changes. The rows are in `safety.py`."""
+
+from __future__ import annotations
+
+from google.protobuf.message import Message
+
+from events.records import Record
+from events.schema import safety_pb2
+from events.schema.common_pb2 import Moved
+from events.schema.mission_pb2 import MissionPlanned
+from events.schema.safety_pb2 import SetVehicleMode
+from statecharts import geometry
+from statecharts.charts.link import OPERATORS
+from statecharts.charts.safety import CHART, COMMANDS, Facts
+from statecharts.facts import Failsafe, Whereabouts
+from statecharts.geometry import Fence, Point
+from statecharts.part import Part
+from statecharts.state import State
+from statecharts.table import Answer, Row, moved
+
+NS_PER_MS = 1_000_000
+# A manifest that allows less is not believed: nobody can comply sooner, and the log would fill.
+AGAIN_LEAST_MS = 1_000
+
+FENCE, BATTERY, LINK = "fence", "battery", "link"
+SCOPES = {
+    FENCE: safety_pb2.OVERRIDE_FENCE_RETURN,
+    BATTERY: safety_pb2.OVERRIDE_BATTERY_RETURN,
+    LINK: safety_pb2.OVERRIDE_LINK_RETURN,
+}
+MODES = {"returning": safety_pb2.FLIGHT_MODE_RETURN, "landing": safety_pb2.FLIGHT_MODE_LAND}
+COMPLYING = {
+    "returning": (safety_pb2.FLIGHT_MODE_RETURN, safety_pb2.FLIGHT_MODE_LAND),
+    "landing": (safety_pb2.FLIGHT_MODE_LAND,),
+}
+_BREACHES = {
+    geometry.INCLUSION_EXIT: ("outside every inclusion fence", "on the way out of the inclusion fences"),
+    geometry.EXCLUSION_ENTRY: ("inside an exclusion fence", "on the way into an exclusion fence"),
+}
+
+
+def decide(state: State, record: Record) -> tuple[Message, ...]:
+    """Return what every failsafe of every vehicle makes of the facts now."""
+    change = record.message
+    if isinstance(change, Moved) and change.chart != "link":
+        return ()
+    if not state.commands_flight:
+        return ()
+    said: list[Message] = []
+    for number, vehicle in state.vehicles.items():
+        demands = {name: _demand(state, name, number) if vehicle.armed else "" for name in SCOPES}
+        for name, demand in demands.items():
+            said += _look(state, number, name, demand, record.at.flight_ns, demands)
+    return tuple(said)
+
+
+def again_ns(state: State) -> int:
+    """Return how long a failsafe waits before it commands again."""
+    return max(state.flight.limits.failsafe_again_ms, AGAIN_LEAST_MS) * NS_PER_MS
+
+
+def _demand(state: State, name: str, number: int) -> str:
+    """Return what a failsafe demands of an armed vehicle."""
+    limits = state.flight.limits
+    match name:
+        case "battery":
+            percent = state.batteries.get(number)
+            if percent is None:
+                return ""
+            if limits.battery_land_percent and percent <= limits.battery_land_percent:
+                return "landing"
+            return "returning" if limits.battery_return_percent and percent <= limits.battery_return_percent else ""
+        case "link":
+            link = state.links.get(OPERATORS)
+            return "returning" if link is not None and link.state == "lost" else ""
+    here = state.whereabouts.get(number)
+    if here is None or not len(state.fences):
+        return ""
+    return "" if geometry.judge(state.fences.values(), *_way(state, here)) == geometry.OK else "returning"
+
+
+def _way(state: State, here: Whereabouts) -> tuple[Point, Point]:
+    """Return where a vehicle is, and where it will be at this speed when the look ahead ends."""
+    ahead_ms, at = state.flight.limits.fence_ahead_ms, (here.spot.east_mm, here.spot.north_mm)
+    return at, (at[0] + here.east_mm_s * ahead_ms // 1000, at[1] + here.north_mm_s * ahead_ms // 1000)
+
+
+def _look(
+    state: State, number: int, name: str, demand: str, now_ns: int, demands: dict[str, str]
+) -> tuple[Message, ...]:
+    key, vehicle = f"{number}/{name}", state.vehicles[number]
+    failsafe = state.failsafes.get(key) or Failsafe()
+    if not demand and failsafe.state == "ok":
+        return ()
+    held = state.overrides.get((number, SCOPES[name]))
+    facts = Facts(
+        demand=demand,
+        held=held is not None and held.until_ns > now_ns,
+        link=vehicle.link,
+        landing_elsewhere=any(other == "landing" for other in demands.values()),
+        complies=bool(demand) and vehicle.flight_mode in COMPLYING[demand],
+        commanded=failsafe.commanded,
+        since_ns=now_ns - failsafe.commanded_ns,
+        again_ns=again_ns(state),
+    )
+    row = CHART.ask(failsafe.state, "looked", facts)
+    if row.answer is not Answer.MOVE:
+        return ()
+    return (moved(CHART, key, row), *_command(state, number, name, row))
+
+
+def _command(state: State, number: int, name: str, row: Row[Facts]) -> tuple[Message, ...]:
+    """Return the command of a move that commands. It lives until the next one would be due."""
+    if row.target not in COMMANDS:
+        return ()
+    because, life_ms = _because(state, name, number), again_ns(state) // NS_PER_MS
+    return (SetVehicleMode(vehicle=number, mode=MODES[row.target], because=because, life_ms=life_ms),)
+
+
+def _because(state: State, name: str, number: int) -> str:
+    if name == BATTERY:
+        return f"battery at {state.batteries[number]} %"
+    if name == LINK:
+        return "no operator is heard any more"
+    at, ahead = _way(state, state.whereabouts[number])
+    now = geometry.judge(state.fences.values(), at, at)
+    return _BREACHES[now][0] if now != geometry.OK else _BREACHES[geometry.judge(state.fences.values(), at, ahead)][1]
+
+
+def _fence(state: State, record: Record) -> None:
+    """Take the fences of a plan in the place of those before."""
+    planned = record.message
+    assert isinstance(planned, MissionPlanned)
+    state.fences.drop_where(lambda _: True)
+    for index, fence in enumerate(planned.fences):
+        corners = tuple((corner.east_mm, corner.north_mm) for corner in fence.vertices)
+        state.fences.put(index, Fence(fence.inclusion, corners))
+
+
+def _apply_move(state: State, record: Record) -> None:
+    change = record.message
+    assert isinstance(change, Moved)
+    if change.chart != CHART.name:
+        return
+    before = state.failsafes.get(change.instance) or Failsafe()
+    failsafe = before._replace(state=change.to_state)
+    if change.to_state in COMMANDS:  # its command is the next record of this step
+        failsafe = failsafe._replace(commanded=change.to_state, commanded_ns=record.at.flight_ns)
+    state.failsafes.put(change.instance, failsafe)
+    if change.to_state in (*COMMANDS, "pending"):
+        state.deadlines.put((CHART.name, change.instance), failsafe.commanded_ns + again_ns(state))
+    else:
+        state.deadlines.drop((CHART.name, change.instance))
+
+
+PART = Part(
+    chart=CHART,
+    alphabet=frozenset(
+        {
+            "position_reported",
+            "battery_reported",
+            "vehicle_state_reported",
+            "vehicle_link_changed",
+            "mission_planned",
+            "moved",
+            "time_passed",
+            "node_started",
+        }
+    ),
+    decide=decide,
+    evolve={"mission_planned": _fence, "moved": _apply_move},
+    safety=True,
+)
