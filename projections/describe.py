@@ -264,7 +264,8 @@ def _alarm(one: TrustAlarm) -> str:
 
 def _time(one: TimeLearned) -> str:
     before, after = (_QUALITY[quality] for quality in (one.from_quality, one.to_quality))
-    return f"time is {after}, was {before}, by {one.source}; floor {one.floor_ms}"
+    said = f"time is {after}, was {before}, by {one.source}; floor {one.floor_ms}"
+    return f"{said}; {one.source} was off by {one.jump_ms} ms and is not followed" if one.jump_ms else said
 
 
 _QUALITY = {CLOCK_UNSET: "unset", CLOCK_BOUNDED: "bounded", CLOCK_TRUSTED: "trusted"}

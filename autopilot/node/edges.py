@@ -17,7 +17,7 @@ from autopilot.adapters.vehicle import VehicleLink
 from autopilot.geo import LocalFrame, Origin
 from autopilot.node.flights import Session
 from autopilot.node.inbox import Inbox
-from autopilot.node.trusting import Believed, believed
+from autopilot.node.trusting import Believed, believed, ear_for_gps
 from autopilot.ports.config import Config
 from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Performer, Proving
 from autopilot.trust.book import TrustBook
@@ -94,6 +94,7 @@ def make_edges(
                 origin, inbox, (latitude, longitude, altitude), "first fix"
             ),
             healthy,
+            on_time=ear_for_gps(clock),
             arrival_tolerance_deg=config.limits.arrival_tolerance_deg,
         )
     eyes = Eyes(

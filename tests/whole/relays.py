@@ -51,6 +51,16 @@ def write_relay(folder: Path, tables: Mapping[str, Any]) -> Path:
     return path
 
 
+def who_may_pass() -> dict[str, Any]:
+    """Return the configuration of a router that knows nodes, ground and Directory, and nobody else."""
+    sides = ("node", "ground", "directory")
+    return {
+        "relay": {"mode": "router"},
+        "rates": {"orders_hz": 0, "documents_hz": 0},
+        "who": {side: {"side": side, "nodes": ["*"]} for side in sides},
+    }
+
+
 class RelayProcess:
     """A relay that is ready."""
 

@@ -41,6 +41,7 @@ SENDABLE: frozenset[tuple[int, int | None]] = frozenset(
     }
 )
 
+SYSTEM_TIME = 2
 GPS_RAW, ATTITUDE, GLOBAL_POSITION, GIMBAL_INFORMATION, GIMBAL_ATTITUDE = 24, 30, 33, 280, 285
 
 # Streams that may be asked for, with their period in microseconds.
@@ -49,6 +50,7 @@ STREAMS_US: dict[int, int] = {
     ATTITUDE: 100_000,
     GIMBAL_ATTITUDE: 100_000,
     GPS_RAW: 1_000_000,
+    SYSTEM_TIME: 5_000_000,
 }
 
 ALTITUDE_M = (-500.0, 20_000.0)  # from below the Dead Sea to above any drone

@@ -96,7 +96,15 @@ class GimbalLimits:
     yaw_max_deg: float
 
 
-Heard = Heartbeat | Answer | Position | Attitude | GimbalAttitude | Fix | GimbalLimits
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SystemTime:
+    """SYSTEM_TIME where the autopilot knows the time, by GPS."""
+
+    sender: Sender
+    wall_ms: int  # since 1970; nobody signed it
+
+
+Heard = Heartbeat | Answer | Position | Attitude | GimbalAttitude | Fix | GimbalLimits | SystemTime
 
 
 @dataclass(frozen=True, slots=True)

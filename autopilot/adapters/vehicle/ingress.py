@@ -27,6 +27,7 @@ from autopilot.adapters.vehicle.heard import (
     Position,
     Rejected,
     Sender,
+    SystemTime,
 )
 from autopilot.adapters.vehicle.pointing import forward_and_right
 
@@ -50,6 +51,7 @@ ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
 YAW_LOCK, YAW_IN_VEHICLE, YAW_IN_EARTH = 16, 32, 64  # GIMBAL_DEVICE_FLAGS
 QUATERNION_NORM = (0.9, 1.1)
+YEARS_MS = (1_420_070_400_000, 4_102_444_800_000)  # 2015 (MAVLink 2 began to count there) to 2100
 
 
 class _Unfit(Exception):
@@ -203,6 +205,15 @@ def _gimbal_limits(message: Any, sender: Sender) -> GimbalLimits:
     )
 
 
+def _system_time(message: Any, sender: Sender) -> SystemTime | None:
+    """Zero means that the autopilot does not know the time (MAVLink definition of message 2)."""
+    if message.time_unix_usec == 0:
+        return None
+    wall_ms = message.time_unix_usec // 1000
+    _within(YEARS_MS[0] <= wall_ms < YEARS_MS[1])
+    return SystemTime(sender=sender, wall_ms=wall_ms)
+
+
 READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK: _answer,
@@ -211,4 +222,5 @@ READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _gimbal_attitude,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _fix,
     dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: _gimbal_limits,
+    dialect.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
 }

@@ -16,7 +16,6 @@ from google.protobuf.message import Message
 from autopilot.adapters.vehicle.heard import GimbalLimits
 from autopilot.adapters.vehicle.presence import Address
 from autopilot.adapters.vehicle.session import Report, Session, Transmit
-from autopilot.adapters.vehicle.telemetry import MakePlace
 from autopilot.ports.config import VehicleSection
 from autopilot.ports.edges import Clock, InputClass, Offer, Pose
 from events.schema.common_pb2 import Place
@@ -29,9 +28,9 @@ class VehicleLink(asyncio.DatagramProtocol):
 
     `place` makes a Place of latitude, longitude (degrees) and altitude (m AMSL), or returns None
     before the origin is set. `on_first_fix` is called once, on the loop, with the first 3D fix, so that
-    the node can set the origin. While `healthy` is False no heartbeat leaves. Observations about
-    effects, state and link are OUTCOME and offered until taken; position and gimbal are TELEMETRY.
-    Everything runs on the loop that `start` ran on.
+    the node can set the origin; `on_time` with each time that the vehicle tells, ms since 1970. While
+    `healthy` is False no heartbeat leaves. Observations about effects, state and link are OUTCOME and
+    offered until taken; position and gimbal are TELEMETRY. Everything runs on the loop that `start` ran on.
     """
 
     def __init__(
@@ -43,13 +42,20 @@ class VehicleLink(asyncio.DatagramProtocol):
         on_first_fix: Callable[[float, float, float], None],
         healthy: Callable[[], bool],
         *,
+        on_time: Callable[[int], None],
         arrival_tolerance_deg: float = 1.0,
     ) -> None:
         self._settings = settings
         self._offer = offer
         self._clock = clock
-        self._make: Callable[[Address | None], Session] = lambda peer: _session(
-            settings, place, on_first_fix, healthy, arrival_tolerance_deg, peer
+        self._make: Callable[[Address | None], Session] = lambda peer: Session(
+            settings,
+            place,
+            on_first_fix,
+            healthy,
+            arrival_tolerance_deg=arrival_tolerance_deg,
+            peer=peer,
+            on_time=on_time,
         )
         self._session = self._make(None)
         self._kept: deque[Message] = deque()  # outcomes that the inbox refused, oldest first
@@ -164,17 +170,6 @@ class VehicleLink(asyncio.DatagramProtocol):
             due_ns = min(due_ns, now_ns + OFFER_AGAIN_NS)
         delay_s = max(0, due_ns - now_ns) / 1e9
         self._timer = asyncio.get_running_loop().call_later(delay_s, self._turn)
-
-
-def _session(
-    settings: VehicleSection,
-    place: MakePlace,
-    on_first_fix: Callable[[float, float, float], None],
-    healthy: Callable[[], bool],
-    arrival_tolerance_deg: float,
-    peer: Address | None,
-) -> Session:
-    return Session(settings, place, on_first_fix, healthy, arrival_tolerance_deg=arrival_tolerance_deg, peer=peer)
 
 
 async def _resolve(key: str, text: str) -> tuple[int, Address]:

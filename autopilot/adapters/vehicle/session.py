@@ -23,6 +23,7 @@ from autopilot.adapters.vehicle.egress import (
     GPS_RAW,
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
+    SYSTEM_TIME,
     Egress,
     NotEncodable,
     check,
@@ -38,6 +39,7 @@ from autopilot.adapters.vehicle.heard import (
     Position,
     Rejected,
     Sender,
+    SystemTime,
 )
 from autopilot.adapters.vehicle.presence import Address, Presence, Vehicle
 from autopilot.adapters.vehicle.telemetry import MakePlace, Telemetry
@@ -54,6 +56,7 @@ _STREAM_OF: dict[type[Heard], int] = {
     Attitude: ATTITUDE,
     GimbalAttitude: GIMBAL_ATTITUDE,
     Fix: GPS_RAW,
+    SystemTime: SYSTEM_TIME,
 }
 
 
@@ -86,8 +89,11 @@ class Session:
         *,
         arrival_tolerance_deg: float,
         peer: Address | None,
+        on_time: Callable[[int], None],
     ) -> None:
+        """`on_time` is told what time the vehicle says it is, in milliseconds since 1970."""
         self._settings = settings
+        self._on_time = on_time
         self._on_first_fix = on_first_fix
         self._healthy = healthy
         self._configured_peer = peer
@@ -191,6 +197,8 @@ class Session:
                 self._report_telemetry(self.telemetry.view(now_ns, heard))
             case Fix():
                 self._first_fix(heard)
+            case SystemTime():
+                self._on_time(heard.wall_ms)
             case GimbalLimits():
                 self.limits = heard
                 self._gimbal_information.heard(now_ns)

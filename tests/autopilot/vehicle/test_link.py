@@ -78,7 +78,15 @@ def link_to(settings: VehicleSection, inbox: Inbox, clock: Any = None) -> Vehicl
     def on_first_fix(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
         origin.set(latitude_deg, longitude_deg, altitude_m)
 
-    return VehicleLink(settings, inbox.offer, clock or HostClock(), origin.place, on_first_fix, lambda: True)
+    return VehicleLink(
+        settings,
+        inbox.offer,
+        clock or HostClock(),
+        origin.place,
+        on_first_fix,
+        lambda: True,
+        on_time=lambda _: None,
+    )
 
 
 def test_outcomes_are_offered_until_taken_and_in_order() -> None:

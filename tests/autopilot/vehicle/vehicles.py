@@ -56,6 +56,10 @@ def gimbal(boot_ms: int, pitch_deg: float, yaw_deg: float, flags: int = 32, comp
     return packed(message, component=component)
 
 
+def system_time(wall_ms: int, *, sender: tuple[int, int] = (1, 1)) -> bytes:
+    return packed(dialect.MAVLink_system_time_message(wall_ms * 1000, 1), *sender)
+
+
 def answer(command: int, result: int = 0, target: tuple[int, int] = US, progress: int = 0) -> bytes:
     return packed(dialect.MAVLink_command_ack_message(command, result, progress, 0, *target))
 
@@ -107,8 +111,10 @@ class Bench:
         healthy: Callable[[], bool] = lambda: True,
         place: Callable[[float, float, float], Place | None] = plain_place,
         peer: tuple[str, int] | None = PEER,
+        on_time: Callable[[int], None] | None = None,
     ) -> None:
         self.fixes: list[tuple[float, float, float]] = []
+        self.times: list[int] = []
         self.session = Session(
             settings or VehicleSection(connect="127.0.0.1:14550"),
             place,
@@ -116,6 +122,7 @@ class Bench:
             healthy,
             arrival_tolerance_deg=1.0,
             peer=peer,
+            on_time=on_time or self.times.append,
         )
         self.sent: list[Any] = []  # decoded
         self.reports: list[Message] = []
