@@ -31,6 +31,7 @@ from tests.autopilot.vehicle.vehicles import (
     packed,
     position,
     release,
+    system_time,
 )
 
 STRANGER = ("127.0.0.1", 9)
@@ -116,6 +117,17 @@ def test_streams_are_asked_for_and_asked_for_again() -> None:
     bench.sent.clear()
     bench.hear(5.5, heartbeat())
     assert {m.param1 for m in bench.sent if m.get_type() == "COMMAND_LONG"} >= {33, 30, 285}
+
+
+def test_a_vehicle_that_tells_the_time_is_not_asked_for_it() -> None:
+    bench = flying()
+    bench.hear(0.5, system_time(1_790_000_000_000))
+    bench.sent.clear()
+    for second in range(1, 11):
+        bench.hear(second, heartbeat())
+    assert 2 not in {m.param1 for m in bench.sent if m.get_type() == "COMMAND_LONG"}
+    bench.hear(11, heartbeat())
+    assert 2 in {m.param1 for m in bench.sent if m.get_type() == "COMMAND_LONG"}
 
 
 def test_positions_are_thinned_and_wait_for_the_origin() -> None:
