@@ -49,6 +49,11 @@ class Edges:
             self.documents.start()
         await self.eyes.start()
 
+    def record_in(self, flight: Path) -> None:
+        """Tell them whose folder raw data belongs into from now on. From any thread."""
+        if self.vehicle is not None:
+            self.vehicle.record_in(flight)
+
     async def stop(self) -> None:
         """Stop them: first what brings work, last what answers."""
         await self.eyes.stop()

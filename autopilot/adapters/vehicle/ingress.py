@@ -5,7 +5,8 @@ messages in `READERS` are decoded, each is checked for finite numbers and for it
 it becomes a value. What this does not do: decide whether the sender is the vehicle, or remember
 anything.
 
-Frame: MAVLink guide, "Packet Serialization", MAVLink 2. A signature is not checked, only skipped.
+Where a frame begins and ends is in `frames`. Whoever calls may refuse whole frames before they are
+read; the signature itself is skipped here.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as dialect
 
+from autopilot.adapters.vehicle.extensions import extension
+from autopilot.adapters.vehicle.frames import MAGIC, SIGNED, length_of, message_id
 from autopilot.adapters.vehicle.heard import (
     Answer,
     Attitude,
@@ -28,6 +31,8 @@ from autopilot.adapters.vehicle.heard import (
     Rejected,
     Sender,
     SystemTime,
+    Timesync,
+    Version,
 )
 from autopilot.adapters.vehicle.pointing import forward_and_right
 
@@ -35,12 +40,6 @@ from autopilot.adapters.vehicle.pointing import forward_and_right
 dialect.MAVLINK_IGNORE_CRC = 0
 
 _DECODER = dialect.MAVLink(None)  # its `decode` keeps nothing from one frame to the next
-
-MAGIC = 0xFD
-HEADER_BYTES = 10
-CHECKSUM_BYTES = 2
-SIGNATURE_BYTES = 13
-SIGNED = 0x01
 
 LATITUDE_MAX_E7 = 900_000_000
 LONGITUDE_MAX_E7 = 1_800_000_000
@@ -58,37 +57,39 @@ class _Unfit(Exception):
     """Carries the name of a rejection out of a reader."""
 
 
-def read(datagram: bytes) -> Iterator[Heard | Rejected]:
-    """Yield what a datagram holds, in its order. Messages that nobody here needs are passed over in silence."""
+def admit_all(frame: bytes) -> str:
+    """Refuse nothing."""
+    del frame
+    return ""
+
+
+def read(datagram: bytes, admit: Callable[[bytes], str] = admit_all) -> Iterator[Heard | Rejected]:
+    """Yield what a datagram holds, in its order. Messages that nobody here needs are passed over in silence.
+
+    `admit` judges every whole frame before anything of it is read, and returns the name of what is wrong, or "".
+    """
     at = 0
     while at < len(datagram):
         frame = datagram[at:]
         if frame[0] != MAGIC:
             yield Rejected("garbage")
             return
-        length = _length(frame)
+        length = length_of(frame)
         if length is None or length > len(frame):
             yield Rejected("truncated")
             return
-        outcome = _message(frame[:length])
+        refusal = admit(frame[:length])
+        outcome = Rejected(refusal) if refusal else _message(frame[:length])
         if outcome is not None:
             yield outcome
         at += length
-
-
-def _length(frame: bytes) -> int | None:
-    """Return the whole frame's length in bytes, or None where the header is cut."""
-    if len(frame) < HEADER_BYTES + CHECKSUM_BYTES:
-        return None
-    signature = SIGNATURE_BYTES if frame[2] & SIGNED else 0
-    return HEADER_BYTES + frame[1] + CHECKSUM_BYTES + signature
 
 
 def _message(frame: bytes) -> Heard | Rejected | None:
     """Return what one frame says; None for a message that is of no interest."""
     if frame[2] & ~SIGNED:
         return Rejected("incompatible")
-    reader = READERS.get(int.from_bytes(frame[7:10], "little"))
+    reader = READERS.get(message_id(frame))
     if reader is None:
         return None
     try:
@@ -214,6 +215,22 @@ def _system_time(message: Any, sender: Sender) -> SystemTime | None:
     return SystemTime(sender=sender, wall_ms=wall_ms)
 
 
+def _timesync(message: Any, sender: Sender) -> Timesync:
+    """The dialect drops whom it is for."""
+    system, component = extension(message, 16, "BB")
+    target = Sender(system=system, component=component)
+    return Timesync(sender=sender, tc1_ns=message.tc1, ts1_ns=message.ts1, target=target)
+
+
+def _version(message: Any, sender: Sender) -> Version:
+    return Version(
+        sender=sender,
+        capabilities=message.capabilities,
+        software_version=message.flight_sw_version,
+        board_version=message.board_version,
+    )
+
+
 READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK: _answer,
@@ -223,4 +240,6 @@ READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _fix,
     dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: _gimbal_limits,
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
+    dialect.MAVLINK_MSG_ID_TIMESYNC: _timesync,
+    dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _version,
 }

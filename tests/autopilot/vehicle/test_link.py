@@ -111,13 +111,6 @@ def test_life_counts_from_the_record() -> None:
     assert [told.because for told in inbox.of(CommandUnanswered)] == ["expired before sending", "no vehicle"]
 
 
-@pytest.mark.parametrize("address", ["", "14550", "host:", ":14550", "127.0.0.1:x", "127.0.0.1:99999", "127.0.0.1:-1"])
-def test_an_address_that_is_none_names_the_key(address: str) -> None:
-    link = link_to(VehicleSection(listen=address), Inbox())
-    with pytest.raises(ValueError, match=r"\[vehicle\] listen = .*host:port"):
-        asyncio.run(link.start())
-
-
 @asynccontextmanager
 async def flight(unkind: Unkindness | None = None, **changes: Any) -> Any:
     """Yield a simulated aircraft, a link to it, and the link's inbox."""

@@ -331,3 +331,22 @@ def test_a_number_of_the_link_is_a_message_that_left() -> None:
     numbers = [message.get_seq() for message in bench.sent]
     assert bench.commands() == [195, 1000]
     assert numbers == list(range(len(numbers)))
+
+
+def test_nothing_is_commanded_into_a_vehicle_that_is_lost() -> None:
+    """Neither what waits nor what was to be sent again: its own failsafe is at work."""
+    bench = Bench(VehicleSection(connect="x:1", link_timeout_s=1, answer_timeout_s=0.7, attempts=3))
+    bench.hear(0, heartbeat())
+    bench.perform(0.9, 5, at_angles())
+    assert bench.commands() == [1000]
+    bench.turn(1)
+    bench.perform(1.1, 6, at_place())
+    for tenth in range(12, 80):
+        bench.turn(tenth / 10)
+    assert bench.commands() == [1000]
+    assert bench.reported(VehicleLinkChanged)[-1] == VehicleLinkChanged(vehicle=1, up=False)
+    assert bench.reported(CommandUnanswered) == [
+        CommandUnanswered(effect_seq=6, attempts=0, because="no vehicle"),
+        CommandUnanswered(effect_seq=5, attempts=1, because="no answer"),
+    ]
+    assert {one.get_type() for one in bench.sent[-5:]} == {"HEARTBEAT"}

@@ -28,7 +28,7 @@ def told(*messages: bytes, host_trusted: bool = False) -> TrustClock:
     edges = make_edges(CONFIG, people().wasp, clock, Inbox(CONFIG.limits, clock), Origin(), lambda: True)
     assert edges.vehicle is not None
     for message in (heartbeat(), *messages):
-        edges.vehicle.datagram_received(message, PEER)
+        edges.vehicle.hear(PEER, message)
     assert clock.floor_ms == FLOOR_MS
     return clock
 
