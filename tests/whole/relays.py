@@ -28,6 +28,14 @@ def free_port() -> int:
         return port
 
 
+def free_datagram_port() -> int:
+    """Return a UDP port of loopback that is free now."""
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port: int = free.getsockname()[1]
+        return port
+
+
 def plain() -> str:
     """Return a free endpoint without TLS."""
     return f"tcp/127.0.0.1:{free_port()}"

@@ -6,7 +6,6 @@ Everybody meets at a router with rules and no keys; the vehicle is a simulated o
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 import sys
 import uuid
@@ -25,7 +24,7 @@ from events.schema.flight_pb2 import CLOCK_TRUSTED
 from events.schema.trust_pb2 import TimeLearned
 from events.schema.waypoint_pb2 import CameraRelease, DeviceCommand, NodeStatus
 from tests.whole.daemons import WITHIN_S, ended, log, started, wait_for, write_config
-from tests.whole.relays import plain, relaying, who_may_pass
+from tests.whole.relays import free_datagram_port, plain, relaying, who_may_pass
 
 pytestmark = pytest.mark.whole
 AUTOPILOT = [sys.executable, "-m", "autopilot.cli.main"]
@@ -64,9 +63,7 @@ class Deployment:
 
     def fly(self) -> int:
         """Let an aircraft stand ready; return its port."""
-        with socket.socket(type=socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            port: int = free.getsockname()[1]
+        port = free_datagram_port()
         words = ["--mavlink-port", str(port), "--eyes-port", "0", "--hold"]
         aircraft = subprocess.Popen(
             [sys.executable, "-m", "autopilot.sim.process", *words], stdout=subprocess.PIPE, text=True
