@@ -339,14 +339,14 @@ def test_nothing_is_commanded_into_a_vehicle_that_is_lost() -> None:
     bench.hear(0, heartbeat())
     bench.perform(0.9, 5, at_angles())
     assert bench.commands() == [1000]
-    bench.turn(1)
-    bench.perform(1.1, 6, at_place())
-    for tenth in range(12, 80):
+    for tenth in range(10, 50):
         bench.turn(tenth / 10)
+    bench.perform(5, 6, at_place())
+    bench.turn(9)
     assert bench.commands() == [1000]
     assert bench.reported(VehicleLinkChanged)[-1] == VehicleLinkChanged(vehicle=1, up=False)
     assert bench.reported(CommandUnanswered) == [
-        CommandUnanswered(effect_seq=6, attempts=0, because="no vehicle"),
         CommandUnanswered(effect_seq=5, attempts=1, because="no answer"),
+        CommandUnanswered(effect_seq=6, attempts=0, because="no vehicle"),
     ]
     assert {one.get_type() for one in bench.sent[-5:]} == {"HEARTBEAT"}

@@ -69,7 +69,9 @@ def test_nothing_is_said_before_there_is_enough_and_then_only_news() -> None:
         clockwork.exchange(MS, MS)
     assert len(clockwork.told) == 1
     assert clockwork.now_ns - began_ns < ENOUGH * S
-    told_ns = clockwork.now_ns
+    clockwork.exchange(MS, MS)
+    assert clockwork.timing.due_ns() - clockwork.now_ns > 9 * S
+    told_ns = began_ns + (ENOUGH - 1) * S + 2 * MS
     while clockwork.timing.due_ns() + 2 * MS < told_ns + AGAIN_NS:
         clockwork.exchange(MS, MS)
     assert len(clockwork.told) == 1
@@ -128,6 +130,17 @@ def test_the_vehicle_is_asked_and_its_answers_are_reported() -> None:
     (told,) = bench.reported(VehicleTimeCompared)
     assert told == VehicleTimeCompared(vehicle=1, offset_us=8_999_000, spread_us=0, round_trip_us=2_000, samples=ENOUGH)
     assert bench.session.rejected == {"foreign system": 2}  # the heartbeats before it was adopted
+
+
+def test_a_vehicle_that_came_back_is_asked_at_once_and_compared_afresh() -> None:
+    bench = Bench()
+    for begin in (10, 100):
+        for second in range(begin, begin + ENOUGH):
+            bench.hear(second, heartbeat())
+            bench.hear(second + 0.002, timesync(second * S, second * S))
+        bench.turn(begin + 50)
+    told = bench.reported(VehicleTimeCompared)
+    assert [one.samples for one in told] == [ENOUGH, ENOUGH]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
