@@ -110,7 +110,7 @@ class Egress:
 
     def ask_version(self, system: int, target: Sender) -> bytes:
         """Return the request for AUTOPILOT_VERSION."""
-        return self._long(system, target, REQUEST_MESSAGE, 0, AUTOPILOT_VERSION)
+        return self._pack(system, _long(target, REQUEST_MESSAGE, 0, AUTOPILOT_VERSION))
 
     def timesync(self, system: int, target: Sender, tc1_ns: int, ts1_ns: int) -> bytes:
         """Return TIMESYNC for one component: a question with tc1 = 0, else the answer to its ts1."""

@@ -214,9 +214,9 @@ def test_raw_stops_first_on_a_short_disk_says_so_and_goes_on(tmp_path: Path) -> 
     desk.wait(1)
     assert desk.recorder.stopped == "less than 100 MiB free"
     desk.note(heartbeat())
-    desk.free_mib = 109
-    desk.wait(LOOK_NS)
-    assert desk.recorder.stopped
+    for desk.free_mib in (99, 98, 109):
+        desk.wait(LOOK_NS)
+        assert desk.recorder.stopped
     desk.free_mib = 110
     desk.wait(LOOK_NS)
     assert desk.recorder.stopped == ""
