@@ -1,7 +1,8 @@
 """Projection `audit`: who ordered what, when, and what came of it (seed 004, OperatorCommand: audit logs).
 
 One row an order, however often it arrived; and rows for what could not be read, for judgements on findings, and
-for each time that a camera changed hands. Every row names the records that it rests on. Signatures stay in the log.
+for each time that a camera or a gimbal changed hands. Every row names the records that it rests on. Signatures stay in
+the log.
 """
 
 from __future__ import annotations
@@ -20,11 +21,13 @@ from events.schema.vehicle_pb2 import (
     CommandAnswered,
     CommandSent,
     CommandUnanswered,
+    GimbalControlChanged,
     PointAtAngles,
     PointAtPlace,
     ReleasePointing,
+    SetZoom,
 )
-from projections.describe import order_verb, order_words, result_word
+from projections.describe import control_words, order_verb, order_words, result_word
 from projections.picture import RESULTS
 from projections.rows import Projection, Table
 
@@ -36,7 +39,7 @@ class AuditRow:
     """One line of the audit."""
 
     seq: int  # record that it began with
-    what: str  # "order", "reused id", "malformed", "judgement", "camera"
+    what: str  # "order", "reused id", "malformed", "judgement", "camera", "gimbal"
     flight_ns: int
     wall_ns: int  # wall clock of the record, nanoseconds since 1970
     clock_quality: int
@@ -64,6 +67,7 @@ class Audit:
         self.orders: dict[str, int] = {}  # principal/command_id: seq of its row
         self.effects: dict[int, int] = {}  # seq of an effect or an answer: seq of its row
         self.holders: dict[str, str] = {}  # camera key: callsign of its holder
+        self.controllers: dict[str, str] = {}  # gimbal key: who controls it
         self.found: dict[str, str] = {}  # point of interest: what it is
 
 
@@ -207,7 +211,7 @@ def _result(ack: SendAck) -> str:
     return result_word(ack.result) if ack.final else ""
 
 
-def _effect(audit: Audit, record: Record, effect: PointAtPlace | PointAtAngles | ReleasePointing) -> None:
+def _effect(audit: Audit, record: Record, effect: PointAtPlace | PointAtAngles | ReleasePointing | SetZoom) -> None:
     row_seq = audit.orders.get(effect.order)
     if row_seq is not None:
         audit.effects[record.seq] = row_seq
@@ -261,6 +265,16 @@ def _freed(audit: Audit, record: Record, moved: Moved) -> None:
     _add(audit, record, "camera", Issuer(), "", asked=asked, result=to_state, detail=detail)
 
 
+def _controlled(audit: Audit, record: Record, change: GimbalControlChanged) -> None:
+    gimbal = f"{change.vehicle}/{change.gimbal}"
+    now, before = control_words(change.system_id, change.component_id, ours=change.ours), audit.controllers.get(gimbal)
+    if now == before:
+        return
+    audit.controllers[gimbal] = now
+    detail = f"was {before}" if before else "as its manager says first"
+    _add(audit, record, "gimbal", Issuer(), "", asked=f"control of gimbal {gimbal}", result=now, detail=detail)
+
+
 def _found(audit: Audit, record: Record, found: PoiOpened) -> None:
     audit.found[uuid_of(audit.flight_id, record.seq)] = f"{found.class_name} at {found.place.mgrs}"
 
@@ -286,6 +300,8 @@ _CHANGES: dict[str, Callable[[Audit, Record, Any], None]] = {
     "point_at_place": _effect,
     "point_at_angles": _effect,
     "release_pointing": _effect,
+    "set_zoom": _effect,
+    "gimbal_control_changed": _controlled,
     "command_sent": _left,
     "command_answered": _outcome,
     "command_unanswered": _outcome,
@@ -295,4 +311,4 @@ _CHANGES: dict[str, Callable[[Audit, Record, Any], None]] = {
     "step_failed": _failed,
 }
 
-PROJECTION = Projection("audit", 1, start, apply, tables)
+PROJECTION = Projection("audit", 2, start, apply, tables)

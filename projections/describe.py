@@ -28,11 +28,14 @@ from events.schema.trust_pb2 import TimeLearned, TrustAlarm
 from events.schema.vehicle_pb2 import (
     CommandAnswered,
     CommandUnanswered,
+    GimbalControlChanged,
+    GimbalDescribed,
     GimbalReported,
     PointAtAngles,
     PointAtPlace,
     PositionReported,
     ReleasePointing,
+    SetZoom,
     VehicleStateReported,
 )
 from projections.describe_flight import MODES, SCOPES, named
@@ -88,6 +91,8 @@ def order_words(order: OrderReceived) -> str:
             return f"look to {angles_words(asked.pitch_cdeg, asked.yaw_cdeg, asked.yaw_locked)}, camera {asked.camera}"
         case "release_camera":
             return f"let go of camera {order.release_camera.camera}"
+        case "zoom_camera":
+            return f"zoom to {percent(order.zoom_camera.zoom_e4)}, camera {order.zoom_camera.camera}"
         case "judge_poi":
             return f"{'confirm' if order.judge_poi.confirmed else 'decline'} finding {order.judge_poi.poi_id}"
     return _flight_order_words(order)
@@ -132,6 +137,11 @@ def angles_words(pitch_cdeg: int, yaw_cdeg: int, yaw_locked: bool) -> str:
     """Return a direction for people."""
     frame = "from north" if yaw_locked else "from the nose"
     return f"pitch {degrees(pitch_cdeg)}, yaw {degrees(yaw_cdeg)} {frame}"
+
+
+def control_words(system_id: int, component_id: int, *, ours: bool) -> str:
+    """Return who controls a gimbal: "this node", "nobody", or another by its MAVLink ids as "255/190"."""
+    return "this node" if ours else f"{system_id}/{component_id}" if system_id else "nobody"
 
 
 def who(issuer: Issuer) -> str:
@@ -217,7 +227,29 @@ def _position(one: PositionReported) -> str:
 
 def _gimbal(one: GimbalReported) -> str:
     off = f", {degrees(one.error_cdeg)} off effect {one.effect_seq}" if one.HasField("error_cdeg") else ""
-    return f"gimbal {one.vehicle}/{one.gimbal} at pitch {degrees(one.pitch_cdeg)}, yaw {degrees(one.yaw_cdeg)}{off}"
+    at = f"{'told' if one.demanded else 'at'} pitch {degrees(one.pitch_cdeg)}, yaw {degrees(one.yaw_cdeg)}"
+    return f"gimbal {one.vehicle}/{one.gimbal} {at}{off}"
+
+
+def _described(one: GimbalDescribed) -> str:
+    limits = []
+    if one.HasField("pitch_min_cdeg"):
+        limits.append(f"pitch {degrees(one.pitch_min_cdeg)} to {degrees(one.pitch_max_cdeg)}")
+    if one.HasField("yaw_min_cdeg"):
+        limits.append(f"yaw {degrees(one.yaw_min_cdeg)} to {degrees(one.yaw_max_cdeg)} from the nose")
+    parts = ["has a manager" if one.managed else "has no manager that answers", *limits]
+    parts += [] if one.pans else ["does not pan"]
+    parts += ["a place to look at turns the vehicle"] if one.turns_vehicle else []
+    return f"gimbal {one.vehicle}/{one.gimbal} {', '.join(parts)}"
+
+
+def _control(one: GimbalControlChanged) -> str:
+    by = control_words(one.system_id, one.component_id, ours=one.ours)
+    return f"gimbal {one.vehicle}/{one.gimbal} is controlled by {by}"
+
+
+def _zoom(one: SetZoom) -> str:
+    return f"zoom camera {one.vehicle}/{one.camera} to {percent(one.zoom_e4)}{_for(one.order)}"
 
 
 def _frame(one: FrameObserved) -> str:
@@ -321,6 +353,13 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "vehicle_link_changed": lambda one: f"vehicle {one.vehicle} is {'heard' if one.up else 'silent'}",
     "position_reported": _position,
     "gimbal_reported": _gimbal,
+    "gimbal_described": _described,
+    "gimbal_control_changed": _control,
+    "take_gimbal": lambda one: f"take control of gimbal {one.vehicle}/{one.gimbal}",
+    "give_up_gimbal": lambda one: f"give up control of gimbal {one.vehicle}/{one.gimbal}",
+    "camera_described": lambda one: f"camera {one.vehicle}/{one.camera} can{'' if one.zooms else 'not'} zoom",
+    "camera_zoomed": lambda one: f"camera {one.vehicle}/{one.camera} is zoomed to {percent(one.zoom_e4)}",
+    "set_zoom": _zoom,
     "frame_observed": _frame,
     "eyes_changed": _eyes,
     "sightings_classified": _classified,

@@ -1,12 +1,13 @@
 """What projection `status` shows: frozen values, integers in fixed point, moments in flight_ns.
 
-They are only shapes; `projections.status` fills them from the log.
+`projections.status` fills them from the log.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from events.records import Moment
 from events.schema.flight_pb2 import Limits
@@ -14,6 +15,17 @@ from events.schema.flight_pb2 import Limits
 RESULTS = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
 POI_STATES = ("enqueued", "surfaced", "suppressed", "confirmed", "declined", "expired", "withdrawn")
 START = Moment(0, 0, 0, 0, 0)
+NOTHING_PANS = "no gimbal that pans: a place to look at turns the vehicle itself"
+
+
+def key_of(vehicle: int, number: int) -> str:
+    """Return how a camera or gimbal is named: "1/1" is number 1 on vehicle 1."""
+    return f"{vehicle}/{number}"
+
+
+def with_row(rows: Mapping[str, Any], key: str, row: Any) -> dict[str, Any]:
+    """Return the rows with another one at a key."""
+    return {**rows, key: row}
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +40,12 @@ class CameraPicture:
     principal_id: str = ""
     command_id: str = ""
     held_until_ns: int = 0  # flight_ns at which hold or pause runs out; 0: neither
+    zoom_e4: int | None = None  # share of its whole range; None while no camera tells
 
 
 @dataclass(frozen=True, slots=True)
 class GimbalPicture:
-    """What a gimbal was asked, and where it looks."""
+    """What a gimbal was asked, where it looks, and what is known of it."""
 
     asked: str = ""  # in words; "" while nothing is asked
     asked_ns: int = 0  # flight_ns
@@ -42,6 +55,16 @@ class GimbalPicture:
     arrived_after_ns: int | None = None
     pitch_cdeg: int | None = None
     yaw_cdeg: int | None = None
+    order: str = ""  # the order that the aim serves, principal/command_id; "" for the node's own wish
+    aim_because: str = ""  # why it drifted or missed
+    demanded: bool = False  # where it looks is what its servos were told: nothing measures it
+    control: str = ""  # "this node", "nobody", "255/190"; "" while no manager tells
+    turns_vehicle: bool = False  # a place to look at turns the vehicle itself
+
+    @property
+    def caution(self) -> str:
+        """What an operator should know before ordering; "" where there is nothing."""
+        return NOTHING_PANS if self.turns_vehicle else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +115,22 @@ class Bounds:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionPicture:
+    """A mission and its self-test, and how far they are."""
+
+    state: str = "idle"
+    because: str = ""
+    mission_id: str = ""
+    items: int = 0
+    next_item: int = 0  # index of the first item that is not behind the vehicle
+    fences: int = 0
+    selftest: str = "idle"
+    report_id: int | None = None
+    findings: tuple[str, ...] = ()  # items of the self-test that did not simply pass
+    unavailable: str = ""  # what stands in the way of having one
+
+
+@dataclass(frozen=True, slots=True)
 class Picture:
     """All that is shown. Mappings are never changed: a change makes new ones."""
 
@@ -121,6 +160,7 @@ class Picture:
     samples_rejected: Mapping[str, int] = field(default_factory=dict)  # by reason
     inputs_dropped: Mapping[str, int] = field(default_factory=dict)  # by class of the inbox
     members: Mapping[int, str] = field(default_factory=dict)  # map object: the waiting question it belongs to
+    mission: MissionPicture | None = None  # None where this node flies none
     bounds: Bounds = Bounds()
 
 

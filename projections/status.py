@@ -25,15 +25,13 @@ from events.schema.flight_pb2 import (
     SamplesRejected,
 )
 from events.schema.vehicle_pb2 import (
-    GimbalReported,
-    PointAtAngles,
-    PointAtPlace,
+    CameraZoomed,
     PositionReported,
-    ReleasePointing,
     VehicleLinkChanged,
     VehicleStateReported,
 )
-from projections.describe import angles_words, close_words, place_words
+from projections import aiming, status_mission
+from projections.describe import close_words
 from projections.picture import (
     RESULTS,
     Bounds,
@@ -42,12 +40,14 @@ from projections.picture import (
     Picture,
     Question,
     VehiclePicture,
+    key_of,
+    with_row,
 )
 from projections.picture import Status as Status
 from projections.words import NS_PER_MS
 
 NAME = "status"
-VERSION = 1
+VERSION = 2
 FULL_CONFIDENCE_E4 = 10_000
 
 
@@ -63,29 +63,23 @@ def plain(status: Status) -> dict[str, Any]:
     shown = asdict(status.picture)
     shown["flight_id"] = status.picture.flight_id.hex()
     del shown["members"], shown["bounds"]
+    for key, gimbal in status.picture.gimbals.items():
+        shown["gimbals"][key]["caution"] = gimbal.caution
     return shown | {"head_seq": status.head_seq, "flight_ns": status.at.flight_ns, "wall_ns": status.at.wall_ns}
-
-
-def _with(rows: Mapping[str, Any], key: str, row: Any) -> dict[str, Any]:
-    return {**rows, key: row}
 
 
 def _counted(counts: Mapping[str, int], key: str, by: int = 1) -> dict[str, int]:
     return {**counts, key: counts.get(key, 0) + by}
 
 
-def _key(vehicle: int, number: int) -> str:
-    return f"{vehicle}/{number}"
-
-
 def _opened(_picture: Picture, _record: Record, opened: FlightOpened) -> Picture:
     cameras, gimbals = {}, {}
     for one in opened.configuration.cameras:
-        gimbal = _key(one.vehicle, one.gimbal) if one.gimbal else ""
-        cameras[_key(one.vehicle, one.camera)] = CameraPicture(one.vehicle, one.camera, gimbal)
+        gimbal = key_of(one.vehicle, one.gimbal) if one.gimbal else ""
+        cameras[key_of(one.vehicle, one.camera)] = CameraPicture(one.vehicle, one.camera, gimbal)
         if gimbal:
             gimbals[gimbal] = GimbalPicture()
-    return Picture(
+    picture = Picture(
         flight_id=opened.flight_id,
         flight_number=opened.flight_number,
         node=opened.node,
@@ -98,6 +92,7 @@ def _opened(_picture: Picture, _record: Record, opened: FlightOpened) -> Picture
         gimbals=gimbals,
         bounds=Bounds.of(opened.configuration.limits),
     )
+    return status_mission.opened(picture, opened.configuration.limits)
 
 
 def _carried(picture: Picture, _record: Record, carried: BaselineCarried) -> Picture:
@@ -148,13 +143,18 @@ def _camera_moved(picture: Picture, record: Record, moved: Moved) -> Picture:
     waits_ms = {"operator": bounds.operator_hold_ms, "released": bounds.release_pause_ms}.get(moved.to_state)
     until_ns = 0 if waits_ms is None else record.at.flight_ns + waits_ms * NS_PER_MS
     camera = CameraPicture(
-        before.vehicle, before.camera, before.gimbal, state=moved.to_state, held_until_ns=until_ns
+        before.vehicle,
+        before.camera,
+        before.gimbal,
+        state=moved.to_state,
+        held_until_ns=until_ns,
+        zoom_e4=before.zoom_e4,
     )  # `camera_taken` names the holder
-    return replace(picture, cameras=_with(picture.cameras, moved.instance, camera))
+    return replace(picture, cameras=with_row(picture.cameras, moved.instance, camera))
 
 
 def _taken(picture: Picture, record: Record, taken: CameraTaken) -> Picture:
-    key = _key(taken.vehicle, taken.camera)
+    key = key_of(taken.vehicle, taken.camera)
     until_ns = picture.cameras[key].held_until_ns
     if taken.HasField("held_for_ms"):
         until_ns = record.at.flight_ns + taken.held_for_ms * NS_PER_MS
@@ -165,53 +165,20 @@ def _taken(picture: Picture, record: Record, taken: CameraTaken) -> Picture:
         command_id=taken.command_id,
         held_until_ns=until_ns,
     )
-    return replace(picture, cameras=_with(picture.cameras, key, camera))
+    return replace(picture, cameras=with_row(picture.cameras, key, camera))
 
 
-def _asked(picture: Picture, record: Record, asked: PointAtPlace | PointAtAngles) -> Picture:
-    if isinstance(asked, PointAtPlace):
-        words = place_words(asked.place)
-    else:
-        words = angles_words(asked.pitch_cdeg, asked.yaw_cdeg, asked.yaw_locked)
-    key = _key(asked.vehicle, asked.gimbal)
-    gimbal = replace(
-        picture.gimbals.get(key) or GimbalPicture(),
-        asked=words,
-        asked_ns=record.at.flight_ns,
-        effect_seq=record.seq,
-        error_cdeg=None,
-        arrived_after_ns=None,
-    )
-    return replace(picture, gimbals=_with(picture.gimbals, key, gimbal))
-
-
-def _let_go(picture: Picture, _record: Record, released: ReleasePointing) -> Picture:
-    key = _key(released.vehicle, released.gimbal)
-    before = picture.gimbals.get(key) or GimbalPicture()
-    gimbal = GimbalPicture(aim=before.aim, pitch_cdeg=before.pitch_cdeg, yaw_cdeg=before.yaw_cdeg)
-    return replace(picture, gimbals=_with(picture.gimbals, key, gimbal))
-
-
-def _aim_moved(picture: Picture, record: Record, moved: Moved) -> Picture:
-    before = picture.gimbals.get(moved.instance) or GimbalPicture()
-    after_ns = record.at.flight_ns - before.asked_ns if moved.to_state == "arrived" else None
-    gimbal = replace(before, aim=moved.to_state, arrived_after_ns=after_ns)
-    return replace(picture, gimbals=_with(picture.gimbals, moved.instance, gimbal))
-
-
-def _gimbal(picture: Picture, _record: Record, report: GimbalReported) -> Picture:
-    key = _key(report.vehicle, report.gimbal)
-    before = picture.gimbals.get(key) or GimbalPicture()
-    error_cdeg = before.error_cdeg
-    if report.HasField("error_cdeg") and report.effect_seq == before.effect_seq:
-        error_cdeg = report.error_cdeg
-    gimbal = replace(before, pitch_cdeg=report.pitch_cdeg, yaw_cdeg=report.yaw_cdeg, error_cdeg=error_cdeg)
-    return replace(picture, gimbals=_with(picture.gimbals, key, gimbal))
+def _zoomed(picture: Picture, _record: Record, zoomed: CameraZoomed) -> Picture:
+    key = key_of(zoomed.vehicle, zoomed.camera)
+    if key not in picture.cameras:
+        return picture
+    camera = replace(picture.cameras[key], zoom_e4=zoomed.zoom_e4)
+    return replace(picture, cameras=with_row(picture.cameras, key, camera))
 
 
 def _vehicle_with(picture: Picture, number: int, **values: Any) -> Picture:
     vehicle = replace(picture.vehicles.get(str(number)) or VehiclePicture(), **values)
-    return replace(picture, vehicles=_with(picture.vehicles, str(number), vehicle))
+    return replace(picture, vehicles=with_row(picture.vehicles, str(number), vehicle))
 
 
 def _vehicle(picture: Picture, _record: Record, report: VehicleStateReported) -> Picture:
@@ -236,11 +203,11 @@ def _position(picture: Picture, _record: Record, report: PositionReported) -> Pi
 
 def _eyes(picture: Picture, _record: Record, change: EyesChanged) -> Picture:
     words = f"{change.state}: {change.because}" if change.because else change.state
-    return replace(picture, eyes=_with(picture.eyes, _key(change.vehicle, change.camera), words))
+    return replace(picture, eyes=with_row(picture.eyes, key_of(change.vehicle, change.camera), words))
 
 
 def _scan_moved(picture: Picture, _record: Record, moved: Moved) -> Picture:
-    return replace(picture, scans=_with(picture.scans, moved.instance, moved.to_state))
+    return replace(picture, scans=with_row(picture.scans, moved.instance, moved.to_state))
 
 
 def _health_moved(picture: Picture, _record: Record, moved: Moved) -> Picture:
@@ -320,12 +287,16 @@ _Change = Callable[[Picture, Record, Any], Picture]
 _MOVES: dict[str, _Change] = {
     "command": _command_moved,
     "camera": _camera_moved,
-    "aim": _aim_moved,
+    "aim": aiming.aim_moved,
     "scan": _scan_moved,
     "poi": _poi_moved,
     "health": _health_moved,
+    "mission": status_mission.mission_moved,
+    "selftest": status_mission.selftest_moved,
 }
 _CHANGES: dict[str, _Change] = {
+    **aiming.CHANGES,
+    **status_mission.CHANGES,
     "flight_opened": _opened,
     "baseline_carried": _carried,
     "node_started": _started,
@@ -336,10 +307,7 @@ _CHANGES: dict[str, _Change] = {
     "order_malformed": _malformed,
     "moved": _moved,
     "camera_taken": _taken,
-    "point_at_place": _asked,
-    "point_at_angles": _asked,
-    "release_pointing": _let_go,
-    "gimbal_reported": _gimbal,
+    "camera_zoomed": _zoomed,
     "vehicle_state_reported": _vehicle,
     "vehicle_link_changed": _link,
     "position_reported": _position,

@@ -82,7 +82,7 @@ class Order(NamedTuple):
     command_id: str
     digest: bytes
     state: str
-    verb: str  # "point", "release", "judge" or "" for an unknown variant
+    verb: str  # "point", "zoom", "release", "judge" or "" for an unknown variant
     camera: str  # camera key; "" for none
     gimbal: str  # gimbal key; "" for none
     poi_id: str
@@ -96,6 +96,7 @@ class Order(NamedTuple):
     mav_result: int | None = None
     asked: str = ""  # what is asked of the mission: "begin", "pause", "resume" or "abort"
     repeats_answered_ns: tuple[int, ...] = ()  # when repeats were last answered
+    at_place: bool = False  # it points at a place, not to angles
 
 
 class Effect(NamedTuple):
@@ -148,6 +149,34 @@ class Aim(NamedTuple):
     order: str = ""
     asked_ns: int = 0
     error_cdeg: int | None = None
+    demanded: bool = False  # that is what the servos were told: nothing measures it
+
+
+class Gimbal(NamedTuple):
+    """What a gimbal is, as its manager says; angles in 0.01 degrees, yaw from the vehicle's nose, None: not told."""
+
+    managed: bool
+    pans: bool
+    turns_vehicle: bool  # a place to look at turns the vehicle itself
+    pitch_min_cdeg: int | None = None
+    pitch_max_cdeg: int | None = None
+    yaw_min_cdeg: int | None = None
+    yaw_max_cdeg: int | None = None
+
+
+class Control(NamedTuple):
+    """Who controls a gimbal."""
+
+    state: str = "unknown"
+    system_id: int = 0  # as its manager said last; 0: nobody
+    component_id: int = 0
+    since_ns: int = 0
+
+
+class Lens(NamedTuple):
+    """What a camera can do."""
+
+    zooms: bool
 
 
 class Vehicle(NamedTuple):

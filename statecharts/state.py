@@ -8,8 +8,11 @@ from statecharts.facts import (
     Aim,
     Arrival,
     Camera,
+    Control,
     Effect,
+    Gimbal,
     Ignored,
+    Lens,
     Manifest,
     MapObject,
     Mission,
@@ -31,15 +34,18 @@ class State:
         "aims",
         "arrival",
         "cameras",
+        "controls",
         "deadlines",
         "effects",
         "failures",
         "forgot_ns",
         "frame",
+        "gimbals",
         "grid",
         "health",
         "ignored",
         "journal",
+        "lenses",
         "lists",
         "manifest",
         "missions",
@@ -78,6 +84,9 @@ class State:
         self.lists: Keyed[bytes, tuple[int, bytes]] = Keyed(journal)  # Directory's key id: version, digest; the newest
         self.cameras: Keyed[str, Camera] = Keyed(journal)  # camera key
         self.aims: Keyed[str, Aim] = Keyed(journal)  # gimbal key
+        self.controls: Keyed[str, Control] = Keyed(journal)  # gimbal key
+        self.gimbals: Keyed[str, Gimbal] = Keyed(journal)  # gimbal key; those that were described
+        self.lenses: Keyed[str, Lens] = Keyed(journal)  # camera key; those that were described
         self.vehicles: Keyed[int, Vehicle] = Keyed(journal)  # vehicle number
         self.plans: Keyed[int, MissionPlanned] = Keyed(journal)  # vehicle number; as recorded, never changed
         self.missions: Keyed[int, Mission] = Keyed(journal)  # vehicle number

@@ -27,8 +27,9 @@ SAYS = {
     "selftest": ("run_selftest",),
     "mission": tuple(kind for kind in FLYING if kind != "run_selftest"),
     "poi": ("poi_opened", "poi_joined", "poi_left", "sighting_muted", "item_ignored", "send_ack"),
-    "scan": EFFECTS,
+    "scan": ("point_at_place", "point_at_angles", "release_pointing"),
     "map": ("sightings_classified",),
+    "control": ("take_gimbal", "give_up_gimbal"),
     "aim": (),
     "health": ("send_ack",),
 }
@@ -38,6 +39,7 @@ STATES: dict[str, Callable[[State, str], str]] = {
     "poi": lambda state, key: state.pois[key].state,
     "scan": lambda state, key: state.scans[key].state,
     "aim": lambda state, key: state.aims[key].state,
+    "control": lambda state, key: state.controls[key].state,
     "health": lambda state, _: state.health.value,
     "selftest": lambda state, key: state.selftests[int(key)].state,
     "mission": lambda state, key: state.missions[int(key)].state,

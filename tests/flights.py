@@ -329,10 +329,15 @@ def point_at_place(
 
 
 def point_at_angles(
-    command_id: str, pitch_cdeg: int = -3000, yaw_cdeg: int = 9000, camera: int = 1, **values: Any
+    command_id: str,
+    pitch_cdeg: int = -3000,
+    yaw_cdeg: int = 9000,
+    camera: int = 1,
+    yaw_locked: bool = True,
+    **values: Any,
 ) -> OrderReceived:
-    """Return an order to look in a direction, from north."""
-    asked = PointAtAnglesOrder(camera=camera, pitch_cdeg=pitch_cdeg, yaw_cdeg=yaw_cdeg, yaw_locked=True)
+    """Return an order to look in a direction, from north, or from the nose."""
+    asked = PointAtAnglesOrder(camera=camera, pitch_cdeg=pitch_cdeg, yaw_cdeg=yaw_cdeg, yaw_locked=yaw_locked)
     return received(command_id, point_at_angles=asked, **values)
 
 

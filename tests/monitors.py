@@ -14,7 +14,14 @@ from events.schema.common_pb2 import Moved
 from events.schema.findings_pb2 import CameraTaken, PoiOpened
 from events.schema.flight_pb2 import FlightOpened, Limits
 from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
-from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing
+from events.schema.vehicle_pb2 import (
+    GimbalControlChanged,
+    PointAtAngles,
+    PointAtPlace,
+    ReleasePointing,
+    SetZoom,
+    TakeGimbal,
+)
 
 Steps = Sequence[Sequence[Record]]
 Monitor = Callable[[Steps], Iterator[str]]
@@ -44,7 +51,7 @@ def key_of(principal_id: str, command_id: str) -> str:
 def order_of(record: Record) -> str | None:
     """Return the order that a vehicle effect serves, "" for the node's own wish, None for another record."""
     effect = record.message
-    return effect.order if isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing) else None
+    return effect.order if isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing | SetZoom) else None
 
 
 def in_order(steps: Steps) -> Iterator[str]:
@@ -64,6 +71,7 @@ def moves_join(steps: Steps) -> Iterator[str]:
     """A move begins where the last one ended; a final order, and an ended question, never move."""
     where: dict[tuple[str, str], str] = {}
     first = {"camera": "automatic", "poi": "enqueued", "scan": "zoomed_out", "aim": "idle", "health": "normal"}
+    first |= {"control": "unknown"}
     ends = {"command": FINAL, "poi": ("suppressed", "confirmed", "declined", "expired", "withdrawn")}
     for record in (record for step in steps for record in step):
         if isinstance(change := record.message, Moved):
@@ -203,6 +211,24 @@ def hands_off(steps: Steps) -> Iterator[str]:
                 yield f"record {record.seq} moves a camera where that is switched off"
 
 
+def nobody_is_fought(steps: Steps) -> Iterator[str]:
+    """Control of a gimbal is asked for only before an operator's pointing, and never while another has it."""
+    others: set[tuple[int, int]] = set()
+    for step in steps:
+        told = step[0].message
+        if isinstance(told, GimbalControlChanged):
+            others.discard((told.vehicle, told.gimbal))
+            if told.system_id and not told.ours:
+                others.add((told.vehicle, told.gimbal))
+        for record in step:
+            if not isinstance(taken := record.message, TakeGimbal):
+                continue
+            if (taken.vehicle, taken.gimbal) in others and not limits_of(steps).take_from_others:
+                yield f"record {record.seq} takes a gimbal from another"
+            if not isinstance(told, OrderReceived):
+                yield f"record {record.seq} takes a gimbal that no operator asked for"
+
+
 def safe_mode_is_quiet(steps: Steps) -> Iterator[str]:
     """In safe mode nothing is asked of the vehicle and nothing of people."""
     safe = False
@@ -224,6 +250,7 @@ MONITORS: tuple[Monitor, ...] = (
     people_are_not_flooded,
     only_people_judge,
     hands_off,
+    nobody_is_fought,
     safe_mode_is_quiet,
 )
 

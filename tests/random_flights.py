@@ -11,8 +11,9 @@ from google.protobuf.message import Message
 from hypothesis import strategies as st
 
 from events.schema.eyes_pb2 import Detection
-from events.schema.flight_pb2 import NodeStarted, RejectedCount, SamplesRejected
-from events.schema.vehicle_pb2 import VehicleLinkChanged
+from events.schema.flight_pb2 import ROI_TURNING_WARN, NodeStarted, RejectedCount, SamplesRejected
+from events.schema.orders_pb2 import ZoomCameraOrder
+from events.schema.vehicle_pb2 import CameraDescribed, GimbalControlChanged, GimbalDescribed, VehicleLinkChanged
 from events.store.protocol import Appender
 from tests.flights import (
     Flight,
@@ -28,6 +29,7 @@ from tests.flights import (
     point_at_place,
     position,
     published,
+    received,
     release,
     sent,
     unanswered,
@@ -56,8 +58,32 @@ def _order(_flight: Flight, one: int, two: int, three: int) -> Message:
         lambda: point_at_place(name, three * 1000, camera=1 + two % 3, order_seq=two, who=who, send=one, roles=roles),
         lambda: point_at_angles(name, yaw_cdeg=three * 900, order_seq=two, who=who, send=one, roles=roles),
         lambda: release(name, order_seq=two, who=who, send=one, roles=roles),
+        lambda: received(
+            name, two, who, one, roles=roles, zoom_camera=ZoomCameraOrder(camera=1 + two % 3, zoom_e4=900 * one)
+        ),
     )
-    return kinds[three % 3]()
+    return kinds[three % 4]()
+
+
+def _control(_flight: Flight, one: int, two: int, _three: int) -> Message:
+    system, component = ((0, 0), (255, 190), (1, 191), (9, 1))[one % 4]
+    return GimbalControlChanged(
+        vehicle=1, gimbal=1, system_id=system, component_id=component, ours=system == 1 and two < 5
+    )
+
+
+def _described(_flight: Flight, one: int, two: int, three: int) -> Message:
+    if three > 3:
+        return CameraDescribed(vehicle=1, camera=1 + one % 2, zooms=two % 2 == 0)
+    return GimbalDescribed(
+        vehicle=1,
+        gimbal=1,
+        managed=True,
+        pans=two > 2,
+        turns_vehicle=two <= 2,
+        pitch_min_cdeg=-9_000,
+        pitch_max_cdeg=-1_000 * one,
+    )
 
 
 def _judge(flight: Flight, one: int, two: int, three: int) -> Message:
@@ -89,6 +115,8 @@ _MAKE: dict[str, Callable[[Flight, int, int, int], Message]] = {
     "answered": lambda flight, one, _two, _three: answered(_effect(flight), (0, 5, 3, 4)[one % 4]),
     "unanswered": lambda flight, one, _two, _three: unanswered(_effect(flight), attempts=one),
     "gimbal": lambda flight, one, two, _three: gimbal(-one * 100, two * 100, _effect(flight), one * 30),
+    "control": _control,
+    "described": _described,
     "position": lambda _flight, one, two, _three: position(one * 1000, two * 1000),
     "published": lambda flight, one, _two, _three: published(max(len(flight.records) - 1 - one, 0)),
     "malformed": lambda _flight, one, two, _three: malformed(f"m{one}", WHO[two % 3]),
@@ -96,7 +124,7 @@ _MAKE: dict[str, Callable[[Flight, int, int, int], Message]] = {
     "link": lambda _flight, one, _two, _three: VehicleLinkChanged(vehicle=1, up=one % 3 > 0),
     "started": lambda _flight, one, two, _three: _started(one, "no clock" if two > 3 else ""),
 }
-_LIKELY = ("frame", "frame", "frame", "order", "judge", "answered", "gimbal", "wait")
+_LIKELY = ("frame", "frame", "frame", "order", "judge", "answered", "gimbal", "control", "wait")
 
 draws: st.SearchStrategy[list[Draw]] = st.lists(
     st.tuples(
@@ -111,7 +139,15 @@ draws: st.SearchStrategy[list[Draw]] = st.lists(
 
 def fly(drawn: Sequence[Draw], store: Appender | None = None, end: bool = True) -> Flight:
     """Return the flight that was drawn: the node may look at findings, and asks after two sightings."""
-    bounds = limits(scan_enabled=True, sightings_to_ask=2, frame_rate_floor_mhz=1_000, asks_per_minute=2)
+    bounds = limits(
+        scan_enabled=True,
+        sightings_to_ask=2,
+        frame_rate_floor_mhz=1_000,
+        asks_per_minute=2,
+        drift_cdeg=100,
+        drift_settle_ms=1_000,
+        roi_turning=ROI_TURNING_WARN,
+    )
     flight = Flight(store=store, limits=bounds)
     for what, one, two, three in drawn:
         flight.wait(PAUSES_MS[two % 4] if what == "wait" else 30)

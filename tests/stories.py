@@ -37,15 +37,29 @@ from events.schema.orders_pb2 import (
     FollowPoiOrder,
     OrderReceived,
     SendAck,
+    ZoomCameraOrder,
 )
 from events.schema.trust_pb2 import EpochTaken, RevocationsTaken, RootTaken, TimeLearned
-from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing, VehicleLinkChanged
+from events.schema.vehicle_pb2 import (
+    CameraDescribed,
+    CameraZoomed,
+    GimbalControlChanged,
+    GimbalDescribed,
+    GiveUpGimbal,
+    PointAtAngles,
+    PointAtPlace,
+    ReleasePointing,
+    SetZoom,
+    TakeGimbal,
+    VehicleLinkChanged,
+)
 from tests import flights, flying
 from tests.flights import FLIGHT_ID, NS_PER_MS, Flight
 
 MS_PER_S = 1000
 STAGES: dict[int, str] = {ACK_STAGE_RECEIVED: "received", ACK_STAGE_SENT: "sent", ACK_STAGE_IN_PROGRESS: "in progress"}
-EFFECTS = ("point_at_place", "point_at_angles", "release_pointing")
+EFFECTS = ("point_at_place", "point_at_angles", "release_pointing", "take_gimbal", "give_up_gimbal", "set_zoom")
+ORDERED = ("point_at_place", "point_at_angles", "release_pointing", "set_zoom")
 
 
 class Story:
@@ -83,6 +97,10 @@ class Story:
             "epoch": lambda plain, _: EpochTaken(epoch_id=int(plain[0])),
             "floor": lambda plain, _: TimeLearned(floor_ms=int(plain[0])),
             "gimbal": self._gimbal,
+            "described": _described,
+            "control": _control,
+            "lens": lambda plain, _: CameraDescribed(vehicle=1, camera=1, zooms="zooms" in plain),
+            "zoomed": lambda plain, _: CameraZoomed(vehicle=1, camera=1, zoom_e4=int(plain[0])),
             "frame": self._frame,
             "vehicle": lambda plain, _: VehicleLinkChanged(vehicle=1, up=plain[0] == "up"),
             "start": self._start,
@@ -139,7 +157,11 @@ class Story:
                     order.point_at_place.place.CopyFrom(Place())
                 return order
             case "turn":
+                values |= {f"{axis}_cdeg": int(named[axis]) for axis in ("pitch", "yaw") if axis in named}
+                values |= {"yaw_locked": False} if "nose" in about else {}
                 return flights.point_at_angles(name, camera=camera, **values)
+            case "zoom":
+                return flights.received(name, zoom_camera=ZoomCameraOrder(camera=camera, zoom_e4=4_000), **values)
             case "release":
                 return flights.release(name, camera=camera, **values)
             case "confirm" | "decline":
@@ -165,7 +187,7 @@ class Story:
             return int(plain[0])
         wanted = {"own": ""}.get(plain[0], plain[0])
         for record in reversed(self.flight.records):
-            if record.kind.name in EFFECTS and wanted in ("newest", short(_effect_order(record))):
+            if record.kind.name in ORDERED and wanted in ("newest", short(_effect_order(record))):
                 return record.seq
         return 1_000_000
 
@@ -177,7 +199,10 @@ class Story:
     def _gimbal(self, plain: list[str], named: dict[str, str]) -> Message:
         if "error" not in named:
             return flights.gimbal(-1000, 0)
-        return flights.gimbal(-1000, 0, self._effect(plain), int(named["error"]))
+        report = flights.gimbal(-1000, 0, self._effect(plain), int(named["error"]))
+        if "demanded" in plain:
+            report.demanded = True
+        return report
 
     def _frame(self, plain: list[str], named: dict[str, str]) -> Message:
         self._frames += 1
@@ -192,6 +217,24 @@ class Story:
         if plain:
             started.outage_unbounded = " ".join(plain)
         return started
+
+
+def _described(plain: list[str], named: dict[str, str]) -> GimbalDescribed:
+    """Read "pans pitch=-9000,2000 yaw=-3000,3000", or "turns": what a gimbal's manager tells."""
+    told = GimbalDescribed(
+        vehicle=1, gimbal=1, managed=bool(named), pans="pans" in plain, turns_vehicle="turns" in plain
+    )
+    if "pitch" in named:
+        told.pitch_min_cdeg, told.pitch_max_cdeg = map(int, named["pitch"].split(","))
+    if "yaw" in named:
+        told.yaw_min_cdeg, told.yaw_max_cdeg = map(int, named["yaw"].split(","))
+    return told
+
+
+def _control(plain: list[str], _named: dict[str, str]) -> GimbalControlChanged:
+    """Read "255/190", "1/191 ours" or "0/0": who controls the gimbal."""
+    system, component = map(int, plain[0].split("/"))
+    return GimbalControlChanged(vehicle=1, gimbal=1, system_id=system, component_id=component, ours="ours" in plain)
 
 
 def _list(plain: list[str], named: dict[str, str]) -> RevocationsTaken:
@@ -225,7 +268,7 @@ def instance_words(story: Story, change: Moved) -> str:
 
 def _effect_order(record: Record) -> str:
     effect = record.message
-    assert isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing)
+    assert isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing | SetZoom)
     return effect.order
 
 
@@ -248,6 +291,12 @@ def words_of(story: Story, record: Record) -> str:
             return f"turn {pitch / 100:g},{yaw / 100:g}"
         case ReleasePointing():
             return "let go"
+        case TakeGimbal():
+            return "take"
+        case GiveUpGimbal():
+            return "give up"
+        case SetZoom(zoom_e4=zoom):
+            return f"zoom {zoom / 100:g}"
         case CameraTaken(callsign=callsign):
             return f"{callsign} has it"
         case PoiOpened(object=number):

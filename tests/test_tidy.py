@@ -50,7 +50,7 @@ UNITS_INSIDE = ("_mm_s", "_cdeg_s")
 WHOLE_NUMBERS = {  # ids, numbers that others assign, and counts: they have no unit
     *("vehicle", "camera", "gimbal", "object", "number", "detection", "start", "logic", "version", "flight_number"),
     *("list_version", "root_version", "held_version", "offered_version", "epoch_id"),
-    *("system_id", "autopilot", "vehicle_type", "custom_mode", "landed_state", "mav_result", "h3_cell"),
+    *("system_id", "component_id", "autopilot", "vehicle_type", "custom_mode", "landed_state", "mav_result", "h3_cell"),
     *("command", "mav_mission_result", "opaque_id", "report_id", "mission_tries"),
     *("item", "items", "before_item", "current_item", "reached_item", "breakpoints"),
     *(
@@ -95,7 +95,7 @@ WORDS = {
         "fac~ts/": _CITE,
     }.items()
 }
-ENTRY_POINTS = ("__main__", "docs.generate")
+ENTRY_POINTS = ("__main__", "docs.generate", "autopilot.sim.office")
 
 
 def size_findings(source: Source) -> Iterator[str]:

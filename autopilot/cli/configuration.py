@@ -36,7 +36,7 @@ OWN_PATHS: tuple[Key, ...] = (
     ("node", "projections"),
     ("vehicle", "signing_key_file"),
 )
-INPUT_PATHS: tuple[Key, ...] = (("eyes", "path"), ("eyes", "model"))
+INPUT_PATHS: tuple[Key, ...] = (("eyes", "path"), ("eyes", "model"), ("mission", "file"), ("mission", "token_file"))
 
 S = TypeVar("S", bound=Section)
 Tables = dict[str, Any]
@@ -190,12 +190,21 @@ def _merged(under: Tables, over: Tables) -> Tables:
 
 def _absent(config: Config, places: Places, main: str) -> Iterator[Problem]:
     """Yield the inputs that are configured and not there."""
-    wanted = {"file": INPUT_PATHS, "device": INPUT_PATHS[1:]}.get(config.eyes.source, ())
-    for key in wanted:
-        path = getattr(config.eyes, key[1])
+    for key in _wanted(config):
+        path = getattr(getattr(config, key[0]), key[1])
         if not os.path.isfile(path):
             file, line = places.get(key, (main, 0))
             yield Problem(file=file, line=line, key=".".join(key), reason=f"no file {path}")
+
+
+def _wanted(config: Config) -> list[Key]:
+    """Return the keys whose files this configuration reads."""
+    eyes: dict[str, list[Key]] = {
+        "file": [("eyes", "path"), ("eyes", "model")],
+        "device": [("eyes", "model")],
+    }
+    mission: list[Key] = [("mission", "file"), ("mission", "token_file")]
+    return eyes.get(config.eyes.source, []) + [key for key in mission if getattr(config.mission, key[1])]
 
 
 def _problem(detail: ErrorDetails, places: Places, main: str, model: type[BaseModel]) -> Problem:

@@ -17,7 +17,7 @@ from typing import NoReturn
 
 COMMANDS = (
     *("demo", "run", "check", "status", "directory", "enrol", "order", "witness", "relay"),
-    *("flights", "replay", "export", "verify"),
+    *("plan", "flights", "replay", "export", "verify"),
 )
 
 _DESCRIPTION = (

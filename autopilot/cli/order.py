@@ -28,13 +28,14 @@ from autopilot.ground.ledger import Answer, Order
 from autopilot.trust.clock import HostClock, wall_ms
 from autopilot.trust.identity import IdentityError, load_identity
 from autopilot.trust.limits import KEY_BYTES, ORDER_TTL_MS, TTL_MS_MAX
-from events.schema.waypoint_pb2 import DeviceCommand, NodeStatus
+from events.schema.waypoint_pb2 import CameraStatus, DeviceCommand, NodeStatus
 
 _EXAMPLES = f"""\
 examples:
   autopilot order roi 52.1000 4.3000 12 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order look -30 90 --north --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order look -30 90 --until arrived --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
+  autopilot order zoom 40 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order confirm 0190b5a2-... --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order watch --seconds 10 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order may --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
@@ -53,7 +54,7 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command to `commands`."""
     parser = commands.add_parser(
         "order",
-        help="an operator's orders: roi, look, release, confirm, decline, follow, fly, mode, mission, watch, and more",
+        help="an operator's orders: roi, look, zoom, release, confirm, decline, follow, fly, mode, mission, and more",
         description="Give a node an order and wait for its answer, watch its status, or look at what was ordered.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -76,6 +77,8 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     look.add_argument("--north", action="store_true", help="yaw counts from north and is held there")
     for pointing in (roi, look):
         pointing.add_argument("--until", choices=["answered", "arrived"], default="answered", help="how long to wait")
+    zoom = _verb(verbs, "zoom", "zoom the camera", lambda a: compose.zoom(a.percent, a.camera))
+    zoom.add_argument("percent", type=_share, help="0 is widest, 100 is closest")
     _verb(verbs, "release", "give the camera back", lambda a: compose.release(a.camera))
     for word, confirmed in (("confirm", True), ("decline", False)):
         judge = _verb(verbs, word, f"{word} a finding", _judgement(confirmed=confirmed))
@@ -247,10 +250,20 @@ def _status_words(seen: SeenStatus) -> str:
     parts += [words for words in (status.not_recording, status.disk_short) if words]
     for camera in status.cameras:
         held = f" by {camera.callsign}" if camera.callsign else ""
-        aim = f", {camera.aim} {camera.error_cdeg / 100:.1f} deg off" if camera.aim in ("arrived", "missed") else ""
-        parts.append(f"camera {camera.camera} {camera.state}{held}{aim}")
+        parts.append(f"camera {camera.camera} {camera.state}{held}{_camera_words(camera)}")
     parts += [f"{poi.class_name}? {poi.mgrs} {poi.decide_within_ms // 1000} s {poi.poi_id}" for poi in status.pois]
     return "; ".join(parts)
+
+
+def _camera_words(camera: CameraStatus) -> str:
+    words = f", asked {camera.asked}" if camera.asked else ""
+    if camera.aim in ("arrived", "drifted", "missed"):
+        aim = "commanded" if camera.aim == "arrived" and camera.aim_demanded else camera.aim
+        words += f", {aim} {camera.error_cdeg / 100:.1f} deg off"
+        words += f": {camera.aim_because}" if camera.aim_because else ""
+    words += f", zoom {camera.zoom_e4 / 100:.0f} %" if camera.HasField("zoom_e4") else ""
+    words += f", gimbal controlled by {camera.gimbal_control}" if camera.gimbal_control else ""
+    return words + (f", {camera.caution}" if camera.caution else "")
 
 
 def _judgement(*, confirmed: bool) -> Compose:
@@ -265,6 +278,13 @@ def _number(limit: float) -> Callable[[str], float]:
         return value
 
     return number
+
+
+def _share(text: str) -> float:
+    value = float(text)
+    if not 0 <= value <= 100:
+        raise argparse.ArgumentTypeError("must be between 0 and 100")
+    return value
 
 
 def _life(text: str) -> float:

@@ -87,6 +87,7 @@ def screen(status: dict[str, Any], age_ns: int) -> Iterator[str]:
     yield f"flight    {status['flight_number']} ({status['flight_id'][:8]}), {flight}, record {status['head_seq']}"
     yield f"age       {age(age_ns)} since the newest record, {seconds(status['flight_ns'])} s into the flight"
     yield from _vehicles(status)
+    yield from _mission(status)
     yield from _cameras(status)
     yield from _findings(status)
     orders = ", ".join(f"{count} {name}" for name, count in status["orders"].items() if count)
@@ -120,28 +121,49 @@ def _vehicles(status: dict[str, Any]) -> Iterator[str]:
         yield f"vehicle   {number} {'heard' if one['link'] else 'silent'}, {armed}{where}"
 
 
+def _mission(status: dict[str, Any]) -> Iterator[str]:
+    one = status["mission"]
+    if one is None:
+        return
+    plan = f", item {one['next_item'] + 1} of {one['items']}, {one['fences']} fences" if one["mission_id"] else ""
+    yield f"mission   {one['state']}: {one['because']}{plan}" if one["because"] else f"mission   {one['state']}"
+    if one["unavailable"]:
+        yield f"          {one['unavailable']}"
+    report = "" if one["report_id"] is None else f", report {one['report_id']}"
+    yield f"self-test {one['selftest']}{report}"
+    for finding in one["findings"]:
+        yield f"          {finding}"
+
+
 def _cameras(status: dict[str, Any]) -> Iterator[str]:
     for key, one in status["cameras"].items():
         held = f" {one['callsign'] or one['principal_id']} by order {one['command_id']}" if one["command_id"] else ""
         left_ns = one["held_until_ns"] - status["flight_ns"]
         until = f", {seconds(left_ns)} s left" if one["held_until_ns"] and left_ns > 0 else ""
         eyes = f", eyes {status['eyes'][key]}" if key in status["eyes"] else ""
-        yield f"camera    {key} {one['state']}{held}{until}{eyes}"
+        zoom = f", zoom {percent(one['zoom_e4'])}" if one["zoom_e4"] is not None else ""
+        yield f"camera    {key} {one['state']}{held}{until}{zoom}{eyes}"
         gimbal = status["gimbals"].get(one["gimbal"])
         if gimbal is not None:
             yield f"gimbal    {one['gimbal']} {_gimbal(gimbal)}"
+            if gimbal["caution"]:
+                yield f"caution   {gimbal['caution']}"
 
 
 def _gimbal(one: dict[str, Any]) -> str:
-    parts = [one["aim"]]
+    aim = "commanded" if one["aim"] == "arrived" and one["demanded"] else one["aim"]
+    parts = [f"{aim}: {one['aim_because']}" if one["aim_because"] else aim]
     if one["asked"]:
         parts.append(f"asked {one['asked']}")
     if one["pitch_cdeg"] is not None:
-        parts.append(f"looks pitch {degrees(one['pitch_cdeg'])}, yaw {degrees(one['yaw_cdeg'])}")
+        looks = "told" if one["demanded"] else "looks"
+        parts.append(f"{looks} pitch {degrees(one['pitch_cdeg'])}, yaw {degrees(one['yaw_cdeg'])}")
     if one["error_cdeg"] is not None:
         parts.append(f"{degrees(one['error_cdeg'])} off")
     if one["arrived_after_ns"] is not None:
         parts.append(f"there after {seconds(one['arrived_after_ns'])} s")
+    if one["control"]:
+        parts.append(f"controlled by {one['control']}")
     return ", ".join(parts)
 
 

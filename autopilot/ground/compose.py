@@ -9,6 +9,7 @@ from events.schema.waypoint_pb2 import (
     CameraPitchYaw,
     CameraRelease,
     CameraRoi,
+    CameraZoom,
     DeviceCommand,
     FlyToWaypoint,
     MissionCommand,
@@ -33,6 +34,11 @@ def point_at_angles(pitch_deg: float, yaw_deg: float, *, north: bool = False, ca
     yaw_cdeg = round(yaw_deg * 100) % 36_000
     angles = CameraPitchYaw(pitch_cdeg=round(pitch_deg * 100), yaw_cdeg=yaw_cdeg, yaw_locked=north, camera=camera)
     return DeviceCommand(camera_pitch_yaw=angles)
+
+
+def zoom(zoom_percent: float, camera: int = 1) -> DeviceCommand:
+    """Zoom a camera to a share of its whole range, in percent: 0 is widest."""
+    return DeviceCommand(camera_zoom=CameraZoom(zoom_e4=round(zoom_percent * 100), camera=camera))
 
 
 def release(camera: int = 1) -> DeviceCommand:

@@ -17,25 +17,30 @@ class Pointing:
     """What became of the view that an order asked for."""
 
     state: str = (
-        "waiting"  # "waiting", "moving", "arrived", "missed", "taken" (by another order), "over" (held by nobody)
+        "waiting"  # "waiting", "moving", "arrived", "drifted", "missed", "taken" (by another), "over" (nobody's)
     )
     error_deg: float | None = None  # between what was asked and what the gimbal says
     after_s: float | None = None  # from the order to the arrival
     by: str = ""  # who has the camera now, where it was taken
+    because: str = ""  # why it drifted or missed: "255/190 took it"
+    demanded: bool = False  # nothing measures it: this is what the gimbal's servos were told
 
     @property
     def is_done(self) -> bool:
         """Say whether it will not change by itself."""
-        return self.state in ("arrived", "missed", "taken", "over")
+        return self.state in ("arrived", "drifted", "missed", "taken", "over")
 
     def words(self) -> str:
         """Return it for people."""
         off = f", {self.error_deg:.1f} deg off" if self.error_deg is not None else ""
         match self.state:
             case "arrived":
-                return f"arrived{off}" + (f", after {self.after_s:.1f} s" if self.after_s is not None else "")
+                after = f", after {self.after_s:.1f} s" if self.after_s is not None else ""
+                return f"commanded{off}{after}, not measured" if self.demanded else f"arrived{off}{after}"
+            case "drifted":
+                return f"drifted: {self.because}" if self.because else f"drifted{off}"
             case "missed":
-                return f"missed{off}"
+                return f"missed{off}" + (f": {self.because}" if self.because else "")
             case "taken":
                 return f"taken by {self.by}"
             case "over":
@@ -48,13 +53,14 @@ def pointing(status: NodeStatus, command_id: str, camera: int = 1, since_seq: in
     one = _camera(status, camera)
     if one is None or status.head_seq < since_seq:
         return Pointing()
-    if one.command_id != command_id:
+    if command_id not in (one.command_id, one.aim_command_id):
         return Pointing(state="taken", by=one.callsign) if one.command_id else Pointing(state="over")
     error_deg = one.error_cdeg / 100 if one.HasField("error_cdeg") else None
     if one.aim == "arrived":
         after_s = one.arrived_after_ms / 1000 if one.HasField("arrived_after_ms") else None
-        return Pointing(state="arrived", error_deg=error_deg, after_s=after_s)
-    return Pointing(state=one.aim if one.aim in ("moving", "missed") else "waiting", error_deg=error_deg)
+        return Pointing(state="arrived", error_deg=error_deg, after_s=after_s, demanded=one.aim_demanded)
+    state = one.aim if one.aim in ("moving", "drifted", "missed") else "waiting"
+    return Pointing(state=state, error_deg=error_deg, because=one.aim_because, demanded=one.aim_demanded)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections.abc import Callable
 
+from autopilot.node.board_mission import say_mission
 from autopilot.node.flights import Session
 from autopilot.trust.verdict import Sealed
 from events.records import Record
@@ -107,6 +108,7 @@ class Board:
             pois=[_poi(one, now_ns) for one in picture.waiting.values() if one.state == "surfaced"],
             map_objects=picture.map_objects,
         )
+        say_mission(said, picture)
         if self.disk_short:
             said.disk_short = self.disk_short
         if (sealing := self.session.sealing) is not None and sealing.newest:
@@ -139,7 +141,24 @@ def _camera(camera: CameraPicture, picture: Picture, now_ns: int) -> CameraStatu
         said.error_cdeg = gimbal.error_cdeg
     if gimbal.arrived_after_ns is not None:
         said.arrived_after_ms = gimbal.arrived_after_ns // NS_PER_MS
+    if camera.zoom_e4 is not None:
+        said.zoom_e4 = camera.zoom_e4
+    _say_of_gimbal(said, gimbal)
     return said
+
+
+def _say_of_gimbal(said: CameraStatus, gimbal: GimbalPicture) -> None:
+    """Say what there is to say; what is absent is no news."""
+    if gimbal.aim_because:
+        said.aim_because = gimbal.aim_because
+    if gimbal.order:
+        said.aim_command_id = gimbal.order.rpartition("/")[2]
+    if gimbal.demanded:
+        said.aim_demanded = True
+    if gimbal.control:
+        said.gimbal_control = gimbal.control
+    if gimbal.caution:
+        said.caution = gimbal.caution
 
 
 def _poi(question: Question, now_ns: int) -> PoiStatus:

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from autopilot.adapters.eyes import model_sha256
 from autopilot.geo import Origin
+from autopilot.node.attachments import Attachments
 from autopilot.node.board import Board
 from autopilot.node.clock import boot_id
 from autopilot.node.deleting import Retention
@@ -72,6 +73,7 @@ class Daemon:
         self._origin = Origin()
         self._inbox = Inbox(config.limits, self._clock)
         self._board = Board(lambda: self._clock.wall_ns() // 1_000_000)
+        self._attachments = Attachments()
         self._asked_to_stop = asyncio.Event()
 
     async def run(self) -> int:
@@ -129,7 +131,7 @@ class Daemon:
             self._config.limits,
             close_after_s=self._config.flight.close_after_s,
             on_session=lambda session: self._opened(session, asyncio_loop, ready, lambda: edges),
-            on_records=lambda records: self._heard(book, records),
+            on_records=lambda records: self._heard(book, edges, records),
             perform=lambda record: _call(asyncio_loop, lambda: edges.perform(record)),
             on_end=lambda: _call(asyncio_loop, over.set),
         )
@@ -139,6 +141,7 @@ class Daemon:
             proving=prover,
             judge=self._board.judge_cosignature,
             book=book,
+            attachments=self._attachments,
         )
         prover.start()
         loop.start()
@@ -154,9 +157,11 @@ class Daemon:
             prover.stop()
         return _exit_code(loop, edges.eyes.refusal)
 
-    def _heard(self, book: TrustBook, records: tuple[Record, ...]) -> None:
+    def _heard(self, book: TrustBook, edges: Edges, records: tuple[Record, ...]) -> None:
         """Take in what is durable. On the node's thread."""
         put_into_force(book, records)
+        if edges.selftest is not None:
+            edges.selftest.noted.hear(records)
         self._board.hear(records)
 
     def _opened(
@@ -168,6 +173,7 @@ class Daemon:
     ) -> None:
         """Follow a session that was opened. On the node's thread, which owns its state."""
         self._board.follow(session)
+        self._attachments.attend(session.flight.folder)
         if session.sealing is not None and session.sealing.refusal:
             print(f"autopilot: the log is not signed any more: {session.sealing.refusal}", file=sys.stderr, flush=True)
         memory = remembered(session)

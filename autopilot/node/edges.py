@@ -10,13 +10,16 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from autopilot.adapters.eyes import Eyes
 from autopilot.adapters.mesh import MeshAdapter, TrustFolder
 from autopilot.adapters.vehicle import VehicleLink
 from autopilot.geo import LocalFrame, Origin
+from autopilot.node.attachments import Attachments
 from autopilot.node.flights import Session
 from autopilot.node.inbox import Inbox
+from autopilot.node.selftest import Selftest
 from autopilot.node.trusting import Believed, believed, ear_for_gps
 from autopilot.ports.config import Config
 from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Performer, Proving
@@ -25,6 +28,9 @@ from autopilot.trust.identity import Identity
 from events.records import Record
 from events.schema.common_pb2 import Place
 from events.schema.flight_pb2 import OriginSet
+
+if TYPE_CHECKING:  # planning is heavy, and only a node with a mission pays for it
+    from autopilot.adapters.missions import MissionsAdapter
 
 NS_PER_MS = 1_000_000
 OFFER_AGAIN_S = 0.05
@@ -38,6 +44,8 @@ class Edges:
     vehicle: VehicleLink | None
     eyes: Eyes
     documents: TrustFolder | None = None
+    missions: MissionsAdapter | None = None
+    selftest: Selftest | None = None
 
     async def start(self) -> None:
         """Start them; none waits for its peer. Raises ValueError and OSError for an address that can't be used."""
@@ -57,6 +65,8 @@ class Edges:
     async def stop(self) -> None:
         """Stop them: first what brings work, last what answers."""
         await self.eyes.stop()
+        if self.missions is not None:
+            await self.missions.stop()
         if self.vehicle is not None:
             await self.vehicle.stop()
         if self.mesh is not None:
@@ -66,7 +76,12 @@ class Edges:
 
     def perform(self, record: Record) -> None:
         """Give an effect to the performer of its port. Effects of a port that is not there come to nothing."""
-        performers: dict[str, Performer | None] = {"mesh": self.mesh, "vehicle": self.vehicle}
+        performers: dict[str, Performer | None] = {
+            "mesh": self.mesh,
+            "vehicle": self.vehicle,
+            "missions": self.missions,
+            "selftest": self.selftest,
+        }
         performer = performers.get(record.kind.port)
         if performer is not None:
             performer.perform(record.seq, record.message, record.at.mono_ns)
@@ -82,6 +97,7 @@ def make_edges(
     proving: Proving | None = None,
     judge: CosignatureJudge | None = None,
     book: TrustBook | None = None,
+    attachments: Attachments | None = None,
 ) -> Edges:
     """Make the adapters; nothing starts yet."""
     mesh = vehicle = None
@@ -101,6 +117,7 @@ def make_edges(
             healthy,
             on_time=ear_for_gps(clock),
             arrival_tolerance_deg=config.limits.arrival_tolerance_deg,
+            drift_deg=config.limits.drift_deg,
         )
     eyes = Eyes(
         config.eyes,
@@ -113,7 +130,34 @@ def make_edges(
     )
     watched = config.node.documents
     documents = TrustFolder(Path(watched), book.offer) if watched and book is not None else None
-    return Edges(mesh, vehicle, eyes, documents)
+    missions = _missions(config, inbox, origin, attachments or Attachments())
+    return Edges(mesh, vehicle, eyes, documents, missions, _selftest(config, inbox, clock, book, vehicle, eyes))
+
+
+def _selftest(
+    config: Config, inbox: Inbox, clock: Clock, book: TrustBook | None, vehicle: VehicleLink | None, eyes: Eyes
+) -> Selftest | None:
+    """Return what looks at everything before a mission; None where none is flown."""
+    if book is None or not config.mission.enabled:
+        return None
+    facts = None if vehicle is None else vehicle.facts
+    return Selftest(config, clock, book, inbox.offer, facts, lambda: eyes.detector_us)
+
+
+def _missions(config: Config, inbox: Inbox, origin: Origin, attachments: Attachments) -> MissionsAdapter | None:
+    """Return the adapter of the mission office; None where no mission is configured."""
+    if not (config.mission.url or config.mission.file):
+        return None
+    from autopilot.adapters.missions import Home, MissionsAdapter
+
+    def home() -> Home | None:
+        """Where the origin is: the vehicle's first fix is where it stands."""
+        frame = origin.frame
+        return None if frame is None else Home(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
+
+    return MissionsAdapter(
+        config.mission, inbox.offer, origin.place_e7, home, attachments.keep, config.eyes.field_of_view_deg
+    )
 
 
 @dataclass(frozen=True, slots=True)

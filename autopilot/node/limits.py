@@ -10,7 +10,16 @@ import hashlib
 import json
 
 from autopilot.ports.config import Config
-from events.schema.flight_pb2 import CameraFitting, ClassGroup, Configuration, Limits
+from events.schema.flight_pb2 import (
+    ROI_TURNING_REFUSE,
+    ROI_TURNING_WARN,
+    CameraFitting,
+    ClassGroup,
+    Configuration,
+    Limits,
+)
+
+_ROI_TURNING = {"warn": ROI_TURNING_WARN, "refuse": ROI_TURNING_REFUSE}
 
 
 def configuration_message(config: Config) -> Configuration:
@@ -33,6 +42,7 @@ def digest(config: Config) -> bytes:
 def _limits(config: Config) -> Limits:
     """Return every number that a guard reads, in the units of flight.proto."""
     command, find, scan, limits = config.command, config.find, config.scan, config.limits
+    mission = config.mission
     return Limits(
         command_enabled=command.enabled,
         camera_roles=sorted(command.camera_roles),
@@ -60,6 +70,18 @@ def _limits(config: Config) -> Limits:
         overdue_camera_ms=_thousandths(command.overdue_camera_h * 3600),
         overdue_flight_ms=_thousandths(command.overdue_flight_h * 3600),
         own_command_life_ms=_thousandths(limits.own_command_life_s),
+        mission_enabled=mission.enabled,
+        mission_begun_by_order=mission.begin == "order",
+        pilot_starts=mission.start == "pilot",
+        mission_tries=mission.tries,
+        mission_step_ms=_thousandths(mission.step_s),
+        selftest_acknowledge_ms=_thousandths(mission.acknowledge_s),
+        upload_ms=_thousandths(mission.upload_s),
+        follow_by_waypoint=mission.follow_by_waypoint,
+        roi_turning=_ROI_TURNING[command.roi_turns_vehicle],
+        take_from_others=command.take_from_others,
+        drift_cdeg=_hundredths(limits.drift_deg),
+        drift_settle_ms=_thousandths(limits.drift_settle_s),
     )
 
 

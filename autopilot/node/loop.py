@@ -35,7 +35,10 @@ IDLE_S = 1.0
 # What is lost is recorded at most this often: a flood must not fill what is left of the disk with counts.
 DROPS_APART_NS = 1_000_000_000
 # Adapters say these only when they change, so a flight that begins in the same process is told the newest of each.
-_STANDING = ("vehicle_link_changed", "vehicle_state_reported", "eyes_changed")
+_STANDING = (
+    *("vehicle_link_changed", "vehicle_state_reported", "eyes_changed"),
+    *("gimbal_described", "gimbal_control_changed", "camera_described", "camera_zoomed"),
+)
 _MAV_IN_PROGRESS = 5
 
 

@@ -56,10 +56,9 @@ class Selftest:
         offer: Offer,
         vehicle: Callable[[], VehicleFacts] | None,
         detector_us: Callable[[], int | None],
-        objects: Callable[[], int],
     ) -> None:
         self._config, self._clock, self._book, self._offer = config, clock, book, offer
-        self._vehicle, self._detector_us, self._objects = vehicle, detector_us, objects
+        self._vehicle, self._detector_us = vehicle, detector_us
         self._tasks: set[asyncio.Task[None]] = set()
         self.noted = Noted({})
 
@@ -100,7 +99,6 @@ class Selftest:
             return_percent=0,
             fences=0 if noted.plan is None else len(noted.plan.fences),
             mission_items=None if noted.plan is None else len(noted.plan.items),
-            objects=self._objects(),
             has_mesh=bool(config.mesh.connect or config.mesh.listen),
             operator_ms_ago=self._ago_ms("operator_heard"),
         )

@@ -9,18 +9,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from autopilot.ports.addresses import parse, parse_listening
+from autopilot.ports.config_mission import MissionSection as MissionSection
+from autopilot.ports.section import Section as Section
 
 Degrees = Annotated[float, Field(ge=-360, le=360)]
 Port = Annotated[int, Field(ge=1, le=65535)]
-
-
-class Section(BaseModel):
-    """A section of the file: unknown keys are errors, nothing changes after reading."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class NodeSection(Section):
@@ -48,6 +44,12 @@ class CommandSection(Section):
         1, ge=0, le=8760, description="Anything else may be ordered while the list is overdue by this: it moves more."
     )
     release_pause_s: float = Field(3, ge=0, le=600, description="A released camera rests this long.")
+    roi_turns_vehicle: Literal["warn", "refuse"] = Field(
+        "refuse",
+        description="A place to look at where no gimbal pans, so that the vehicle itself turns: a role for the camera "
+        "is none for the flight.",
+    )
+    take_from_others: bool = Field(False, description="Take control of a gimbal also from another who has it.")
 
 
 class ClockSection(Section):
@@ -96,6 +98,11 @@ class VehicleSection(Section):
     )
     heading_threshold_deg: float = Field(5.0, ge=0, le=180, description="A turn is recorded from here on.")
     gimbal_threshold_deg: float = Field(0.5, gt=0, le=90, description="A gimbal's move is recorded from here on.")
+    gimbal_measures: bool | None = Field(
+        None,
+        description="Whether what is reported of the gimbal is measured. Absent: yes, unless an ArduPilot reports it "
+        "by itself, which may be a servo mount.",
+    )
     say_again_s: float = Field(
         60, gt=0, le=3600, description="What stands still is recorded this often, so that silence means a gap."
     )
@@ -269,6 +276,10 @@ class LimitsSection(Section):
     )
     commit_stall_s: float = Field(2.0, gt=0, description="A slower commit refuses orders until one is quick again.")
     arrival_tolerance_deg: float = Field(1.0, gt=0, le=45, description="The gimbal has arrived within this.")
+    drift_deg: float = Field(2.0, gt=0, le=90, description="A gimbal that had arrived has drifted from here on.")
+    drift_settle_s: float = Field(
+        2.0, gt=0, le=120, description="After being off for this long: gusts and turns of the vehicle pass."
+    )
     arrival_patience_s: float = Field(10, gt=0, le=120, description="It is said not to have arrived after this.")
     dedup_keep_h: float = Field(24, gt=0, le=240, description="Stored results are kept this long.")
     failures_to_safe_mode: int = Field(3, ge=1, le=1000, description="Failed steps within failure_window_s.")
@@ -290,4 +301,5 @@ class Config(Section):
     retention: RetentionSection = RetentionSection()
     find: FindSection = FindSection()
     scan: ScanSection = ScanSection()
+    mission: MissionSection = MissionSection()
     limits: LimitsSection = LimitsSection()

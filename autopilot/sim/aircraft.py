@@ -128,7 +128,6 @@ class Aircraft:
             home=self.home,
             motion=self.motion,
             gimbal=self.gimbal,
-            primary=self._desk.primary,
             yaw_locked=isinstance(aim, Angles) and aim.from_north,
         )
         messages = [BUILDERS[message_id](now) for message_id in self._due()]
@@ -161,4 +160,7 @@ def command_of(message: Any) -> Command:
     else:
         frame, last = None, (message.param5, message.param6, message.param7)
     names = ("p1", "p2", "p3", "p4", "p5", "p6", "p7")
-    return Command(command=message.command, frame=frame, **dict(zip(names, (*shared, *last), strict=True)))
+    sender = (message.get_srcSystem(), message.get_srcComponent())
+    return Command(
+        command=message.command, frame=frame, sender=sender, **dict(zip(names, (*shared, *last), strict=True))
+    )

@@ -39,6 +39,7 @@ class Command:
     p5: float = 0.0
     p6: float = 0.0
     p7: float = 0.0
+    sender: tuple[int, int] = (0, 0)  # system and component
 
 
 @dataclass(slots=True)
@@ -50,7 +51,6 @@ class Desk:
     periods_s: dict[int, float] = field(default_factory=dict)  # message id: period
     requested: list[int] = field(default_factory=list)  # messages to send once
     texts: list[str] = field(default_factory=list)  # STATUSTEXT to send
-    primary: tuple[int, int] = (0, 0)  # who says that it controls the gimbal
     known: frozenset[int] = frozenset(BUILDERS)  # messages that can be asked for
 
     def answer(self, command: Command) -> int:
@@ -90,7 +90,7 @@ class Desk:
         ids = (command.p1, command.p2, command.p3, command.p4)
         if not all(-3 <= value <= 255 for value in ids):
             return FAILED
-        self.primary = (max(0, int(command.p1)), max(0, int(command.p2)))
+        self.gimbal.configure((int(command.p1), int(command.p2)), command.sender)
         return ACCEPTED
 
     def _interval(self, command: Command) -> int:

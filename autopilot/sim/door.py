@@ -89,7 +89,7 @@ def state_of(vehicle: Vehicle) -> dict[str, Any]:
         "battery_percent": flight.battery.charge_percent,
         "gimbal_pitch_deg": vehicle.gimbal.pitch_deg,
         "gimbal_yaw_deg": vehicle.gimbal.yaw_deg,
-        "gimbal_primary": list(vehicle.desk.primary),
+        "gimbal_primary": list(vehicle.gimbal.primary),
     }
 
 
@@ -135,7 +135,7 @@ def _reboot(vehicle: Vehicle, value: Any) -> None:
 
 def _take_gimbal(vehicle: Vehicle, value: Any) -> None:
     system, component = _numbers(value, 2)
-    vehicle.desk.primary = int(system) & 0xFF, int(component) & 0xFF
+    vehicle.gimbal.primary = int(system) & 0xFF, int(component) & 0xFF
 
 
 def _point_gimbal(vehicle: Vehicle, value: Any) -> None:

@@ -1,7 +1,8 @@
 """A three-axis gimbal that takes time to move: no more than `rate_deg_s` on each axis.
 
 Angles are of the mount: pitch to the horizon, up positive; yaw from the vehicle's nose, clockwise.
-It turns the short way round and reports where it is, not where it is to go. Roll stays level.
+It turns the short way round and reports where it is, not where it is to go. Roll stays level. Who controls it is
+kept as the manager keeps it: `take_over` is another station that takes it.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ class Gimbal:
     pitch_deg: float = REST_PITCH_DEG
     yaw_deg: float = 0.0
     aim: Angles | Spot = REST
+    pans: bool = True  # False: a mount with two axes, whose yaw stays ahead
+    primary: tuple[int, int] = (0, 0)  # system and component that control it; 0/0: nobody
 
     def step(self, dt_s: float, motion: Motion) -> None:
         """Move for a time towards what it is aimed at, from where the aircraft is."""
@@ -66,7 +69,21 @@ class Gimbal:
         else:
             pitch_deg = self.aim.pitch_deg
             yaw_deg = self.aim.yaw_deg - (motion.yaw_deg if self.aim.from_north else 0.0)
-        return min(max(pitch_deg, PITCH_DEG[0]), PITCH_DEG[1]), wrapped(yaw_deg)
+        return min(max(pitch_deg, PITCH_DEG[0]), PITCH_DEG[1]), wrapped(yaw_deg) if self.pans else 0.0
+
+    def take_over(self, system: int, component: int, aim: Angles | Spot) -> None:
+        """Let another station take control and look elsewhere."""
+        self.primary, self.aim = (system, component), aim
+
+    def configure(self, primary: tuple[int, int], sender: tuple[int, int]) -> None:
+        """Change who controls it, with the numbers of MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE.
+
+        -1 leaves it, -2 is the sender, -3 gives up the sender's own, 0 is nobody.
+        """
+        mine = self.primary == sender
+        if -1 in primary or (-3 in primary and not mine):
+            return
+        self.primary = sender if -2 in primary else (0, 0) if -3 in primary else primary
 
     def release(self) -> None:
         """Let go of a spot; an angle that was asked for stays."""

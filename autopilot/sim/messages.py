@@ -19,6 +19,8 @@ from autopilot.sim.route import Motion
 
 ARMED, CUSTOM_MODE = 128, 1  # MAV_MODE_FLAG
 ROLL_LOCK, PITCH_LOCK, YAW_LOCK, YAW_IN_VEHICLE = 4, 8, 16, 32  # GIMBAL_DEVICE_FLAGS
+TURNS_PITCH = dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_AXIS
+TURNS_YAW = dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_YAW_AXIS
 CAPABILITIES = 8 | 8192 | 262144  # COMMAND_INT, MAVLink 2, gimbal manager
 
 
@@ -30,7 +32,6 @@ class Instant:
     home: LocalFrame
     motion: Motion
     gimbal: Gimbal
-    primary: tuple[int, int]
     yaw_locked: bool
 
     @property
@@ -117,13 +118,16 @@ def _gimbal_attitude(now: Instant) -> Any:
 
 def _gimbal_information(now: Instant) -> Any:
     pitch_min, pitch_max = (math.radians(limit) for limit in PITCH_DEG)
+    pan, flags = (math.pi, TURNS_PITCH | TURNS_YAW) if now.gimbal.pans else (0.0, TURNS_PITCH)
     return dialect.MAVLink_gimbal_manager_information_message(
-        now.boot_ms, 0, 1, 0.0, 0.0, pitch_min, pitch_max, -math.pi, math.pi
+        now.boot_ms, flags, 1, 0.0, 0.0, pitch_min, pitch_max, -pan, pan
     )
 
 
 def _gimbal_status(now: Instant) -> Any:
-    return dialect.MAVLink_gimbal_manager_status_message(now.boot_ms, ROLL_LOCK | PITCH_LOCK, 1, *now.primary, 0, 0)
+    return dialect.MAVLink_gimbal_manager_status_message(
+        now.boot_ms, ROLL_LOCK | PITCH_LOCK, 1, *now.gimbal.primary, 0, 0
+    )
 
 
 def _version(now: Instant) -> Any:

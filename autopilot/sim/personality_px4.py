@@ -68,7 +68,7 @@ class Px4:
         if command.command == dialect.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE:
             return self._take_gimbal(command, sender)
         points = command.command == dialect.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW
-        if points and self.desk.primary != sender:
+        if points and self.desk.gimbal.primary != sender:
             return DENIED
         handler = self._handlers.get(command.command)
         return self.desk.answer(command) if handler is None else handler(command)
@@ -180,12 +180,7 @@ class Px4:
 
     def _take_gimbal(self, command: Command, sender: tuple[int, int]) -> int:
         """Anybody may take control: -1 leaves it, -2 is the sender, -3 gives up the sender's own."""
-        if command.p1 == -2:
-            self.desk.primary = sender
-        elif command.p1 == -3:
-            self.desk.primary = (0, 0) if self.desk.primary == sender else self.desk.primary
-        elif command.p1 >= 0 and command.p2 >= 0:
-            self.desk.primary = (_whole(command.p1) & 0xFF, _whole(command.p2) & 0xFF)
+        self.desk.gimbal.configure((_whole(command.p1), _whole(command.p2)), sender)
         return ACCEPTED
 
 

@@ -128,7 +128,7 @@ class Vehicle:
         self._silent_until_s = self._booted_s = self.time_s + silent_s
         self.desk.periods_s = dict(self._unasked_s)
         self.desk.requested.clear()
-        self.desk.primary = (0, 0)
+        self.gimbal.primary = (0, 0)
         self._post.burn()
         self._next_s.clear()
         self.transfer.forget()
@@ -270,7 +270,6 @@ class Vehicle:
             home=self.home,
             motion=flight.motion(self.custom_mode, seen=True),
             gimbal=self.gimbal,
-            primary=self.desk.primary,
             yaw_locked=isinstance(aim, Angles) and aim.from_north,
             flight=flight,
             autopilot=self.personality.autopilot,

@@ -45,6 +45,30 @@ CLOCK_TRUSTED: ClockQuality.ValueType  # 2
 """The wall clock can be relied on."""
 Global___ClockQuality: _TypeAlias = ClockQuality  # noqa: Y015
 
+class _RoiTurning:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _RoiTurningEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_RoiTurning.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    ROI_TURNING_UNSPECIFIED: _RoiTurning.ValueType  # 0
+    """Not asked: the flight was opened before this was judged."""
+    ROI_TURNING_WARN: _RoiTurning.ValueType  # 1
+    """Carried out, and said."""
+    ROI_TURNING_REFUSE: _RoiTurning.ValueType  # 2
+    """Refused."""
+
+class RoiTurning(_RoiTurning, metaclass=_RoiTurningEnumTypeWrapper):
+    """What becomes of an order to look at a place where it would turn the vehicle's nose."""
+
+ROI_TURNING_UNSPECIFIED: RoiTurning.ValueType  # 0
+"""Not asked: the flight was opened before this was judged."""
+ROI_TURNING_WARN: RoiTurning.ValueType  # 1
+"""Carried out, and said."""
+ROI_TURNING_REFUSE: RoiTurning.ValueType  # 2
+"""Refused."""
+Global___RoiTurning: _TypeAlias = RoiTurning  # noqa: Y015
+
 class _CloseReason:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -114,6 +138,10 @@ class Limits(_message.Message):
     OWN_COMMAND_LIFE_MS_FIELD_NUMBER: _builtins.int
     OVERDUE_CAMERA_MS_FIELD_NUMBER: _builtins.int
     OVERDUE_FLIGHT_MS_FIELD_NUMBER: _builtins.int
+    ROI_TURNING_FIELD_NUMBER: _builtins.int
+    TAKE_FROM_OTHERS_FIELD_NUMBER: _builtins.int
+    DRIFT_CDEG_FIELD_NUMBER: _builtins.int
+    DRIFT_SETTLE_MS_FIELD_NUMBER: _builtins.int
     FLIGHT_ROLES_FIELD_NUMBER: _builtins.int
     FLIGHT_ENABLED_FIELD_NUMBER: _builtins.int
     MISSION_ENABLED_FIELD_NUMBER: _builtins.int
@@ -180,6 +208,14 @@ class Limits(_message.Message):
     """A camera may be ordered while the revocation list is overdue by at most this, in milliseconds."""
     overdue_flight_ms: _builtins.int
     """Anything else may be ordered while the revocation list is overdue by at most this, in milliseconds."""
+    roi_turning: Global___RoiTurning.ValueType
+    """An order to look at a place where that would turn the vehicle's nose; absent: not judged."""
+    take_from_others: _builtins.bool
+    """Whether control of a gimbal is taken from another who has it."""
+    drift_cdeg: _builtins.int
+    """How far off a gimbal that had arrived has drifted, in 0.01 degrees."""
+    drift_settle_ms: _builtins.int
+    """How long it must be that far off, in milliseconds; 0: it is not judged."""
     flight_enabled: _builtins.bool
     """Whether orders of the flight are taken at all (off by default)."""
     mission_enabled: _builtins.bool
@@ -250,6 +286,10 @@ class Limits(_message.Message):
         own_command_life_ms: _builtins.int | None = ...,
         overdue_camera_ms: _builtins.int | None = ...,
         overdue_flight_ms: _builtins.int | None = ...,
+        roi_turning: Global___RoiTurning.ValueType | None = ...,
+        take_from_others: _builtins.bool | None = ...,
+        drift_cdeg: _builtins.int | None = ...,
+        drift_settle_ms: _builtins.int | None = ...,
         flight_roles: _abc.Iterable[_builtins.str] | None = ...,
         flight_enabled: _builtins.bool | None = ...,
         mission_enabled: _builtins.bool | None = ...,
@@ -269,9 +309,9 @@ class Limits(_message.Message):
         follow_by_waypoint: _builtins.bool | None = ...,
         upload_ms: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "battery_land_percent", b"battery_land_percent", "battery_return_percent", b"battery_return_percent", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failsafe_again_ms", b"failsafe_again_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "fence_ahead_ms", b"fence_ahead_ms", "flight_enabled", b"flight_enabled", "flight_roles", b"flight_roles", "follow_by_waypoint", b"follow_by_waypoint", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "mission_begun_by_order", b"mission_begun_by_order", "mission_enabled", b"mission_enabled", "mission_step_ms", b"mission_step_ms", "mission_tries", b"mission_tries", "operator_degraded_ms", b"operator_degraded_ms", "operator_hold_ms", b"operator_hold_ms", "operator_lost_following_ms", b"operator_lost_following_ms", "operator_lost_ms", b"operator_lost_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "override_longest_ms", b"override_longest_ms", "own_command_life_ms", b"own_command_life_ms", "pilot_starts", b"pilot_starts", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "selftest_acknowledge_ms", b"selftest_acknowledge_ms", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg", "upload_ms", b"upload_ms"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "battery_land_percent", b"battery_land_percent", "battery_return_percent", b"battery_return_percent", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "drift_cdeg", b"drift_cdeg", "drift_settle_ms", b"drift_settle_ms", "failsafe_again_ms", b"failsafe_again_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "fence_ahead_ms", b"fence_ahead_ms", "flight_enabled", b"flight_enabled", "flight_roles", b"flight_roles", "follow_by_waypoint", b"follow_by_waypoint", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "mission_begun_by_order", b"mission_begun_by_order", "mission_enabled", b"mission_enabled", "mission_step_ms", b"mission_step_ms", "mission_tries", b"mission_tries", "operator_degraded_ms", b"operator_degraded_ms", "operator_hold_ms", b"operator_hold_ms", "operator_lost_following_ms", b"operator_lost_following_ms", "operator_lost_ms", b"operator_lost_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "override_longest_ms", b"override_longest_ms", "own_command_life_ms", b"own_command_life_ms", "pilot_starts", b"pilot_starts", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "roi_turning", b"roi_turning", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "selftest_acknowledge_ms", b"selftest_acknowledge_ms", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg", "take_from_others", b"take_from_others", "upload_ms", b"upload_ms"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "battery_land_percent", b"battery_land_percent", "battery_return_percent", b"battery_return_percent", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "failsafe_again_ms", b"failsafe_again_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "fence_ahead_ms", b"fence_ahead_ms", "flight_enabled", b"flight_enabled", "flight_roles", b"flight_roles", "follow_by_waypoint", b"follow_by_waypoint", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "mission_begun_by_order", b"mission_begun_by_order", "mission_enabled", b"mission_enabled", "mission_step_ms", b"mission_step_ms", "mission_tries", b"mission_tries", "operator_degraded_ms", b"operator_degraded_ms", "operator_hold_ms", b"operator_hold_ms", "operator_lost_following_ms", b"operator_lost_following_ms", "operator_lost_ms", b"operator_lost_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "override_longest_ms", b"override_longest_ms", "own_command_life_ms", b"own_command_life_ms", "pilot_starts", b"pilot_starts", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "selftest_acknowledge_ms", b"selftest_acknowledge_ms", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg", "upload_ms", b"upload_ms"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["arrival_patience_ms", b"arrival_patience_ms", "arrival_tolerance_cdeg", b"arrival_tolerance_cdeg", "ask_again_ms", b"ask_again_ms", "ask_confidence_e4", b"ask_confidence_e4", "asks_per_minute", b"asks_per_minute", "battery_land_percent", b"battery_land_percent", "battery_return_percent", b"battery_return_percent", "camera_roles", b"camera_roles", "command_enabled", b"command_enabled", "decide_longest_ms", b"decide_longest_ms", "decide_shortest_ms", b"decide_shortest_ms", "dedup_keep_ms", b"dedup_keep_ms", "drift_cdeg", b"drift_cdeg", "drift_settle_ms", b"drift_settle_ms", "failsafe_again_ms", b"failsafe_again_ms", "failure_window_ms", b"failure_window_ms", "failures_to_safe_mode", b"failures_to_safe_mode", "fence_ahead_ms", b"fence_ahead_ms", "flight_enabled", b"flight_enabled", "flight_roles", b"flight_roles", "follow_by_waypoint", b"follow_by_waypoint", "frame_rate_floor_mhz", b"frame_rate_floor_mhz", "look_ms", b"look_ms", "mission_begun_by_order", b"mission_begun_by_order", "mission_enabled", b"mission_enabled", "mission_step_ms", b"mission_step_ms", "mission_tries", b"mission_tries", "operator_degraded_ms", b"operator_degraded_ms", "operator_hold_ms", b"operator_hold_ms", "operator_lost_following_ms", b"operator_lost_following_ms", "operator_lost_ms", b"operator_lost_ms", "overdue_camera_ms", b"overdue_camera_ms", "overdue_flight_ms", b"overdue_flight_ms", "override_longest_ms", b"override_longest_ms", "own_command_life_ms", b"own_command_life_ms", "pilot_starts", b"pilot_starts", "queue_longest_ms", b"queue_longest_ms", "release_pause_ms", b"release_pause_ms", "roi_turning", b"roi_turning", "same_object_mm", b"same_object_mm", "same_poi_mm", b"same_poi_mm", "scan_enabled", b"scan_enabled", "selftest_acknowledge_ms", b"selftest_acknowledge_ms", "sightings_to_ask", b"sightings_to_ask", "sweep_pitch_cdeg", b"sweep_pitch_cdeg", "take_from_others", b"take_from_others", "upload_ms", b"upload_ms"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

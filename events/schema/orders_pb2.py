@@ -27,7 +27,7 @@ from events.schema import options_pb2 as events_dot_schema_dot_options__pb2
 from events.schema import safety_pb2 as events_dot_schema_dot_safety__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1a\x65vents/schema/orders.proto\x12\x13\x61utopilot.events.v1\x1a\x1a\x65vents/schema/common.proto\x1a\x1b\x65vents/schema/options.proto\x1a\x1a\x65vents/schema/safety.proto\"N\n\x11PointAtPlaceOrder\x12\x0e\n\x06\x63\x61mera\x18\x01 \x01(\r\x12)\n\x05place\x18\x02 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\"^\n\x12PointAtAnglesOrder\x12\x0e\n\x06\x63\x61mera\x18\x01 \x01(\r\x12\x12\n\npitch_cdeg\x18\x02 \x01(\x11\x12\x10\n\x08yaw_cdeg\x18\x03 \x01(\r\x12\x12\n\nyaw_locked\x18\x04 \x01(\x08\"$\n\x12ReleaseCameraOrder\x12\x0e\n\x06\x63\x61mera\x18\x01 \x01(\r\"2\n\rJudgePoiOrder\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x11\n\tconfirmed\x18\x02 \x01(\x08\"<\n\x0f\x46lyToPlaceOrder\x12)\n\x05place\x18\x01 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\"C\n\x12SetFlightModeOrder\x12-\n\x04mode\x18\x01 \x01(\x0e\x32\x1f.autopilot.events.v1.FlightMode\"m\n\x13OverrideSafetyOrder\x12\x31\n\x05scope\x18\x01 \x01(\x0e\x32\".autopilot.events.v1.OverrideScope\x12\x0e\n\x06reason\x18\x02 \x01(\t\x12\x13\n\x0bheld_for_ms\x18\x03 \x01(\x04\"-\n\x18\x41\x63knowledgeSelftestOrder\x12\x11\n\treport_id\x18\x01 \x01(\x04\">\n\x0cMissionOrder\x12.\n\x04verb\x18\x01 \x01(\x0e\x32 .autopilot.events.v1.MissionVerb\"0\n\x0e\x46ollowPoiOrder\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\"\x95\x08\n\rOrderReceived\x12+\n\x06issuer\x18\x01 \x01(\x0b\x32\x1b.autopilot.events.v1.Issuer\x12\x12\n\ncommand_id\x18\x02 \x01(\t\x12\x13\n\x0b\x62ody_digest\x18\x03 \x01(\x0c\x12\x19\n\x11target_public_key\x18\x04 \x01(\x0c\x12\x11\n\torder_seq\x18\x05 \x01(\x04\x12\r\n\x05nonce\x18\x06 \x01(\x0c\x12\x15\n\rnonce_life_ms\x18\x07 \x01(\x04\x12\x0f\n\x07life_ms\x18\x08 \x01(\x04\x12\x13\n\x0bin_reply_to\x18\t \x01(\x0c\x12\x14\n\x0cissued_at_ms\x18\n \x01(\x04\x12\x10\n\x08\x65nvelope\x18\x0b \x01(\x0c\x12\x0e\n\x06opened\x18\x0c \x01(\x0c\x12\x1d\n\x15revocation_overdue_ms\x18\x10 \x01(\x04\x12\x16\n\x0etime_uncertain\x18\x11 \x01(\x08\x12\x15\n\rbefore_memory\x18\x12 \x01(\x08\x12@\n\x0epoint_at_place\x18\x14 \x01(\x0b\x32&.autopilot.events.v1.PointAtPlaceOrderH\x00\x12\x42\n\x0fpoint_at_angles\x18\x15 \x01(\x0b\x32\'.autopilot.events.v1.PointAtAnglesOrderH\x00\x12\x41\n\x0erelease_camera\x18\x16 \x01(\x0b\x32\'.autopilot.events.v1.ReleaseCameraOrderH\x00\x12\x37\n\tjudge_poi\x18\x17 \x01(\x0b\x32\".autopilot.events.v1.JudgePoiOrderH\x00\x12<\n\x0c\x66ly_to_place\x18\x1e \x01(\x0b\x32$.autopilot.events.v1.FlyToPlaceOrderH\x00\x12\x42\n\x0fset_flight_mode\x18\x1f \x01(\x0b\x32\'.autopilot.events.v1.SetFlightModeOrderH\x00\x12\x43\n\x0foverride_safety\x18  \x01(\x0b\x32(.autopilot.events.v1.OverrideSafetyOrderH\x00\x12M\n\x14\x61\x63knowledge_selftest\x18! \x01(\x0b\x32-.autopilot.events.v1.AcknowledgeSelftestOrderH\x00\x12\x34\n\x07mission\x18\" \x01(\x0b\x32!.autopilot.events.v1.MissionOrderH\x00\x12\x39\n\nfollow_poi\x18# \x01(\x0b\x32#.autopilot.events.v1.FollowPoiOrderH\x00:\x1c\xca\xda\x18\x18\n\x0eorder_received\x10\x14\x18\x01 \x01(\x01\x42\x07\n\x05order\"\xbc\x01\n\x0eOrderMalformed\x12+\n\x06issuer\x18\x01 \x01(\x0b\x32\x1b.autopilot.events.v1.Issuer\x12\x12\n\ncommand_id\x18\x02 \x01(\t\x12\x0f\n\x07\x62\x65\x63\x61use\x18\x03 \x01(\t\x12\x13\n\x0bin_reply_to\x18\x04 \x01(\x0c\x12\r\n\x05nonce\x18\x05 \x01(\x0c\x12\x15\n\rnonce_life_ms\x18\x06 \x01(\x04:\x1d\xca\xda\x18\x19\n\x0forder_malformed\x10\x15\x18\x01 \x01(\x01\"\x8a\x02\n\x07SendAck\x12\x12\n\ncommand_id\x18\x01 \x01(\t\x12\x14\n\x0cprincipal_id\x18\x02 \x01(\t\x12.\n\x06result\x18\x03 \x01(\x0e\x32\x1e.autopilot.events.v1.AckResult\x12\x0e\n\x06\x64\x65tail\x18\x04 \x01(\t\x12\r\n\x05\x66inal\x18\x05 \x01(\x08\x12\x11\n\tduplicate\x18\x06 \x01(\x08\x12\x13\n\x0bin_reply_to\x18\x07 \x01(\x0c\x12\x12\n\nmav_result\x18\x08 \x01(\r\x12,\n\x05stage\x18\t \x01(\x0e\x32\x1d.autopilot.events.v1.AckStage:\x1c\xca\xda\x18\x18\n\x08send_ack\x10\x16\x18\x03 \x02(\x01\x32\x04mesh\"P\n\x0c\x41\x63kPublished\x12\x12\n\neffect_seq\x18\x01 \x01(\x04\x12\x0f\n\x07\x66\x61ilure\x18\x02 \x01(\t:\x1b\xca\xda\x18\x17\n\rack_published\x10\x17\x18\x01 \x02(\x01*x\n\x0bMissionVerb\x12\x1c\n\x18MISSION_VERB_UNSPECIFIED\x10\x00\x12\x11\n\rMISSION_BEGIN\x10\x01\x12\x11\n\rMISSION_PAUSE\x10\x02\x12\x12\n\x0eMISSION_RESUME\x10\x03\x12\x11\n\rMISSION_ABORT\x10\x04*k\n\tAckResult\x12\x10\n\x0c\x41\x43K_ACCEPTED\x10\x00\x12\x10\n\x0c\x41\x43K_REJECTED\x10\x01\x12\x0f\n\x0b\x41\x43K_TIMEOUT\x10\x02\x12\x13\n\x0f\x41\x43K_UNSUPPORTED\x10\x03\x12\x14\n\x10\x41\x43K_UNAUTHORISED\x10\x04*l\n\x08\x41\x63kStage\x12\x19\n\x15\x41\x43K_STAGE_UNSPECIFIED\x10\x00\x12\x16\n\x12\x41\x43K_STAGE_RECEIVED\x10\x01\x12\x12\n\x0e\x41\x43K_STAGE_SENT\x10\x02\x12\x19\n\x15\x41\x43K_STAGE_IN_PROGRESS\x10\x03\x62\x08\x65\x64itionsp\xe8\x07')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1a\x65vents/schema/orders.proto\x12\x13\x61utopilot.events.v1\x1a\x1a\x65vents/schema/common.proto\x1a\x1b\x65vents/schema/options.proto\x1a\x1a\x65vents/schema/safety.proto\"N\n\x11PointAtPlaceOrder\x12\x0e\n\x06\x63\x61mera\x18\x01 \x01(\r\x12)\n\x05place\x18\x02 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\"^\n\x12PointAtAnglesOrder\x12\x0e\n\x06\x63\x61mera\x18\x01 \x01(\r\x12\x12\n\npitch_cdeg\x18\x02 \x01(\x11\x12\x10\n\x08yaw_cdeg\x18\x03 \x01(\r\x12\x12\n\nyaw_locked\x18\x04 \x01(\x08\"$\n\x12ReleaseCameraOrder\x12\x0e\n\x06\x63\x61mera\x18\x01 \x01(\r\"2\n\x0fZoomCameraOrder\x12\x0e\n\x06\x63\x61mera\x18\x01 \x01(\r\x12\x0f\n\x07zoom_e4\x18\x02 \x01(\r\"2\n\rJudgePoiOrder\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x11\n\tconfirmed\x18\x02 \x01(\x08\"<\n\x0f\x46lyToPlaceOrder\x12)\n\x05place\x18\x01 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\"C\n\x12SetFlightModeOrder\x12-\n\x04mode\x18\x01 \x01(\x0e\x32\x1f.autopilot.events.v1.FlightMode\"m\n\x13OverrideSafetyOrder\x12\x31\n\x05scope\x18\x01 \x01(\x0e\x32\".autopilot.events.v1.OverrideScope\x12\x0e\n\x06reason\x18\x02 \x01(\t\x12\x13\n\x0bheld_for_ms\x18\x03 \x01(\x04\"-\n\x18\x41\x63knowledgeSelftestOrder\x12\x11\n\treport_id\x18\x01 \x01(\x04\">\n\x0cMissionOrder\x12.\n\x04verb\x18\x01 \x01(\x0e\x32 .autopilot.events.v1.MissionVerb\"0\n\x0e\x46ollowPoiOrder\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x0e\n\x06\x63\x61mera\x18\x02 \x01(\r\"\xd2\x08\n\rOrderReceived\x12+\n\x06issuer\x18\x01 \x01(\x0b\x32\x1b.autopilot.events.v1.Issuer\x12\x12\n\ncommand_id\x18\x02 \x01(\t\x12\x13\n\x0b\x62ody_digest\x18\x03 \x01(\x0c\x12\x19\n\x11target_public_key\x18\x04 \x01(\x0c\x12\x11\n\torder_seq\x18\x05 \x01(\x04\x12\r\n\x05nonce\x18\x06 \x01(\x0c\x12\x15\n\rnonce_life_ms\x18\x07 \x01(\x04\x12\x0f\n\x07life_ms\x18\x08 \x01(\x04\x12\x13\n\x0bin_reply_to\x18\t \x01(\x0c\x12\x14\n\x0cissued_at_ms\x18\n \x01(\x04\x12\x10\n\x08\x65nvelope\x18\x0b \x01(\x0c\x12\x0e\n\x06opened\x18\x0c \x01(\x0c\x12\x1d\n\x15revocation_overdue_ms\x18\x10 \x01(\x04\x12\x16\n\x0etime_uncertain\x18\x11 \x01(\x08\x12\x15\n\rbefore_memory\x18\x12 \x01(\x08\x12@\n\x0epoint_at_place\x18\x14 \x01(\x0b\x32&.autopilot.events.v1.PointAtPlaceOrderH\x00\x12\x42\n\x0fpoint_at_angles\x18\x15 \x01(\x0b\x32\'.autopilot.events.v1.PointAtAnglesOrderH\x00\x12\x41\n\x0erelease_camera\x18\x16 \x01(\x0b\x32\'.autopilot.events.v1.ReleaseCameraOrderH\x00\x12\x37\n\tjudge_poi\x18\x17 \x01(\x0b\x32\".autopilot.events.v1.JudgePoiOrderH\x00\x12;\n\x0bzoom_camera\x18\x18 \x01(\x0b\x32$.autopilot.events.v1.ZoomCameraOrderH\x00\x12<\n\x0c\x66ly_to_place\x18\x1e \x01(\x0b\x32$.autopilot.events.v1.FlyToPlaceOrderH\x00\x12\x42\n\x0fset_flight_mode\x18\x1f \x01(\x0b\x32\'.autopilot.events.v1.SetFlightModeOrderH\x00\x12\x43\n\x0foverride_safety\x18  \x01(\x0b\x32(.autopilot.events.v1.OverrideSafetyOrderH\x00\x12M\n\x14\x61\x63knowledge_selftest\x18! \x01(\x0b\x32-.autopilot.events.v1.AcknowledgeSelftestOrderH\x00\x12\x34\n\x07mission\x18\" \x01(\x0b\x32!.autopilot.events.v1.MissionOrderH\x00\x12\x39\n\nfollow_poi\x18# \x01(\x0b\x32#.autopilot.events.v1.FollowPoiOrderH\x00:\x1c\xca\xda\x18\x18\n\x0eorder_received\x10\x14\x18\x01 \x01(\x01\x42\x07\n\x05order\"\xbc\x01\n\x0eOrderMalformed\x12+\n\x06issuer\x18\x01 \x01(\x0b\x32\x1b.autopilot.events.v1.Issuer\x12\x12\n\ncommand_id\x18\x02 \x01(\t\x12\x0f\n\x07\x62\x65\x63\x61use\x18\x03 \x01(\t\x12\x13\n\x0bin_reply_to\x18\x04 \x01(\x0c\x12\r\n\x05nonce\x18\x05 \x01(\x0c\x12\x15\n\rnonce_life_ms\x18\x06 \x01(\x04:\x1d\xca\xda\x18\x19\n\x0forder_malformed\x10\x15\x18\x01 \x01(\x01\"\x8a\x02\n\x07SendAck\x12\x12\n\ncommand_id\x18\x01 \x01(\t\x12\x14\n\x0cprincipal_id\x18\x02 \x01(\t\x12.\n\x06result\x18\x03 \x01(\x0e\x32\x1e.autopilot.events.v1.AckResult\x12\x0e\n\x06\x64\x65tail\x18\x04 \x01(\t\x12\r\n\x05\x66inal\x18\x05 \x01(\x08\x12\x11\n\tduplicate\x18\x06 \x01(\x08\x12\x13\n\x0bin_reply_to\x18\x07 \x01(\x0c\x12\x12\n\nmav_result\x18\x08 \x01(\r\x12,\n\x05stage\x18\t \x01(\x0e\x32\x1d.autopilot.events.v1.AckStage:\x1c\xca\xda\x18\x18\n\x08send_ack\x10\x16\x18\x03 \x02(\x01\x32\x04mesh\"P\n\x0c\x41\x63kPublished\x12\x12\n\neffect_seq\x18\x01 \x01(\x04\x12\x0f\n\x07\x66\x61ilure\x18\x02 \x01(\t:\x1b\xca\xda\x18\x17\n\rack_published\x10\x17\x18\x01 \x02(\x01*x\n\x0bMissionVerb\x12\x1c\n\x18MISSION_VERB_UNSPECIFIED\x10\x00\x12\x11\n\rMISSION_BEGIN\x10\x01\x12\x11\n\rMISSION_PAUSE\x10\x02\x12\x12\n\x0eMISSION_RESUME\x10\x03\x12\x11\n\rMISSION_ABORT\x10\x04*k\n\tAckResult\x12\x10\n\x0c\x41\x43K_ACCEPTED\x10\x00\x12\x10\n\x0c\x41\x43K_REJECTED\x10\x01\x12\x0f\n\x0b\x41\x43K_TIMEOUT\x10\x02\x12\x13\n\x0f\x41\x43K_UNSUPPORTED\x10\x03\x12\x14\n\x10\x41\x43K_UNAUTHORISED\x10\x04*l\n\x08\x41\x63kStage\x12\x19\n\x15\x41\x43K_STAGE_UNSPECIFIED\x10\x00\x12\x16\n\x12\x41\x43K_STAGE_RECEIVED\x10\x01\x12\x12\n\x0e\x41\x43K_STAGE_SENT\x10\x02\x12\x19\n\x15\x41\x43K_STAGE_IN_PROGRESS\x10\x03\x62\x08\x65\x64itionsp\xe8\x07')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -42,38 +42,40 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_SENDACK']._serialized_options = b'\312\332\030\030\n\010send_ack\020\026\030\003 \002(\0012\004mesh'
   _globals['_ACKPUBLISHED']._loaded_options = None
   _globals['_ACKPUBLISHED']._serialized_options = b'\312\332\030\027\n\rack_published\020\027\030\001 \002(\001'
-  _globals['_MISSIONVERB']._serialized_start=2395
-  _globals['_MISSIONVERB']._serialized_end=2515
-  _globals['_ACKRESULT']._serialized_start=2517
-  _globals['_ACKRESULT']._serialized_end=2624
-  _globals['_ACKSTAGE']._serialized_start=2626
-  _globals['_ACKSTAGE']._serialized_end=2734
+  _globals['_MISSIONVERB']._serialized_start=2508
+  _globals['_MISSIONVERB']._serialized_end=2628
+  _globals['_ACKRESULT']._serialized_start=2630
+  _globals['_ACKRESULT']._serialized_end=2737
+  _globals['_ACKSTAGE']._serialized_start=2739
+  _globals['_ACKSTAGE']._serialized_end=2847
   _globals['_POINTATPLACEORDER']._serialized_start=136
   _globals['_POINTATPLACEORDER']._serialized_end=214
   _globals['_POINTATANGLESORDER']._serialized_start=216
   _globals['_POINTATANGLESORDER']._serialized_end=310
   _globals['_RELEASECAMERAORDER']._serialized_start=312
   _globals['_RELEASECAMERAORDER']._serialized_end=348
-  _globals['_JUDGEPOIORDER']._serialized_start=350
-  _globals['_JUDGEPOIORDER']._serialized_end=400
-  _globals['_FLYTOPLACEORDER']._serialized_start=402
-  _globals['_FLYTOPLACEORDER']._serialized_end=462
-  _globals['_SETFLIGHTMODEORDER']._serialized_start=464
-  _globals['_SETFLIGHTMODEORDER']._serialized_end=531
-  _globals['_OVERRIDESAFETYORDER']._serialized_start=533
-  _globals['_OVERRIDESAFETYORDER']._serialized_end=642
-  _globals['_ACKNOWLEDGESELFTESTORDER']._serialized_start=644
-  _globals['_ACKNOWLEDGESELFTESTORDER']._serialized_end=689
-  _globals['_MISSIONORDER']._serialized_start=691
-  _globals['_MISSIONORDER']._serialized_end=753
-  _globals['_FOLLOWPOIORDER']._serialized_start=755
-  _globals['_FOLLOWPOIORDER']._serialized_end=803
-  _globals['_ORDERRECEIVED']._serialized_start=806
-  _globals['_ORDERRECEIVED']._serialized_end=1851
-  _globals['_ORDERMALFORMED']._serialized_start=1854
-  _globals['_ORDERMALFORMED']._serialized_end=2042
-  _globals['_SENDACK']._serialized_start=2045
-  _globals['_SENDACK']._serialized_end=2311
-  _globals['_ACKPUBLISHED']._serialized_start=2313
-  _globals['_ACKPUBLISHED']._serialized_end=2393
+  _globals['_ZOOMCAMERAORDER']._serialized_start=350
+  _globals['_ZOOMCAMERAORDER']._serialized_end=400
+  _globals['_JUDGEPOIORDER']._serialized_start=402
+  _globals['_JUDGEPOIORDER']._serialized_end=452
+  _globals['_FLYTOPLACEORDER']._serialized_start=454
+  _globals['_FLYTOPLACEORDER']._serialized_end=514
+  _globals['_SETFLIGHTMODEORDER']._serialized_start=516
+  _globals['_SETFLIGHTMODEORDER']._serialized_end=583
+  _globals['_OVERRIDESAFETYORDER']._serialized_start=585
+  _globals['_OVERRIDESAFETYORDER']._serialized_end=694
+  _globals['_ACKNOWLEDGESELFTESTORDER']._serialized_start=696
+  _globals['_ACKNOWLEDGESELFTESTORDER']._serialized_end=741
+  _globals['_MISSIONORDER']._serialized_start=743
+  _globals['_MISSIONORDER']._serialized_end=805
+  _globals['_FOLLOWPOIORDER']._serialized_start=807
+  _globals['_FOLLOWPOIORDER']._serialized_end=855
+  _globals['_ORDERRECEIVED']._serialized_start=858
+  _globals['_ORDERRECEIVED']._serialized_end=1964
+  _globals['_ORDERMALFORMED']._serialized_start=1967
+  _globals['_ORDERMALFORMED']._serialized_end=2155
+  _globals['_SENDACK']._serialized_start=2158
+  _globals['_SENDACK']._serialized_end=2424
+  _globals['_ACKPUBLISHED']._serialized_start=2426
+  _globals['_ACKPUBLISHED']._serialized_end=2506
 # @@protoc_insertion_point(module_scope)

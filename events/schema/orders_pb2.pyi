@@ -176,6 +176,32 @@ class ReleaseCameraOrder(_message.Message):
 Global___ReleaseCameraOrder: _TypeAlias = ReleaseCameraOrder  # noqa: Y015
 
 @_typing.final
+class ZoomCameraOrder(_message.Message):
+    """Zoom the camera."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CAMERA_FIELD_NUMBER: _builtins.int
+    ZOOM_E4_FIELD_NUMBER: _builtins.int
+    camera: _builtins.int
+    """Camera to zoom, from 1."""
+    zoom_e4: _builtins.int
+    """Share of its whole range in 1e-4: 0 is widest."""
+    def __init__(
+        self,
+        *,
+        camera: _builtins.int | None = ...,
+        zoom_e4: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "zoom_e4", b"zoom_e4"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "zoom_e4", b"zoom_e4"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ZoomCameraOrder: _TypeAlias = ZoomCameraOrder  # noqa: Y015
+
+@_typing.final
 class JudgePoiOrder(_message.Message):
     """A person's word on a finding."""
 
@@ -372,6 +398,7 @@ class OrderReceived(_message.Message):
     POINT_AT_ANGLES_FIELD_NUMBER: _builtins.int
     RELEASE_CAMERA_FIELD_NUMBER: _builtins.int
     JUDGE_POI_FIELD_NUMBER: _builtins.int
+    ZOOM_CAMERA_FIELD_NUMBER: _builtins.int
     FLY_TO_PLACE_FIELD_NUMBER: _builtins.int
     SET_FLIGHT_MODE_FIELD_NUMBER: _builtins.int
     OVERRIDE_SAFETY_FIELD_NUMBER: _builtins.int
@@ -419,6 +446,8 @@ class OrderReceived(_message.Message):
     @_builtins.property
     def judge_poi(self) -> Global___JudgePoiOrder: ...
     @_builtins.property
+    def zoom_camera(self) -> Global___ZoomCameraOrder: ...
+    @_builtins.property
     def fly_to_place(self) -> Global___FlyToPlaceOrder: ...
     @_builtins.property
     def set_flight_mode(self) -> Global___SetFlightModeOrder: ...
@@ -452,6 +481,7 @@ class OrderReceived(_message.Message):
         point_at_angles: Global___PointAtAnglesOrder | None = ...,
         release_camera: Global___ReleaseCameraOrder | None = ...,
         judge_poi: Global___JudgePoiOrder | None = ...,
+        zoom_camera: Global___ZoomCameraOrder | None = ...,
         fly_to_place: Global___FlyToPlaceOrder | None = ...,
         set_flight_mode: Global___SetFlightModeOrder | None = ...,
         override_safety: Global___OverrideSafetyOrder | None = ...,
@@ -459,11 +489,11 @@ class OrderReceived(_message.Message):
         mission: Global___MissionOrder | None = ...,
         follow_poi: Global___FollowPoiOrder | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["acknowledge_selftest", b"acknowledge_selftest", "before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "fly_to_place", b"fly_to_place", "follow_poi", b"follow_poi", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "mission", b"mission", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "override_safety", b"override_safety", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "set_flight_mode", b"set_flight_mode", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["acknowledge_selftest", b"acknowledge_selftest", "before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "fly_to_place", b"fly_to_place", "follow_poi", b"follow_poi", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "mission", b"mission", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "override_safety", b"override_safety", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "set_flight_mode", b"set_flight_mode", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain", "zoom_camera", b"zoom_camera"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["acknowledge_selftest", b"acknowledge_selftest", "before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "fly_to_place", b"fly_to_place", "follow_poi", b"follow_poi", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "mission", b"mission", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "override_safety", b"override_safety", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "set_flight_mode", b"set_flight_mode", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["acknowledge_selftest", b"acknowledge_selftest", "before_memory", b"before_memory", "body_digest", b"body_digest", "command_id", b"command_id", "envelope", b"envelope", "fly_to_place", b"fly_to_place", "follow_poi", b"follow_poi", "in_reply_to", b"in_reply_to", "issued_at_ms", b"issued_at_ms", "issuer", b"issuer", "judge_poi", b"judge_poi", "life_ms", b"life_ms", "mission", b"mission", "nonce", b"nonce", "nonce_life_ms", b"nonce_life_ms", "opened", b"opened", "order", b"order", "order_seq", b"order_seq", "override_safety", b"override_safety", "point_at_angles", b"point_at_angles", "point_at_place", b"point_at_place", "release_camera", b"release_camera", "revocation_overdue_ms", b"revocation_overdue_ms", "set_flight_mode", b"set_flight_mode", "target_public_key", b"target_public_key", "time_uncertain", b"time_uncertain", "zoom_camera", b"zoom_camera"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_order: _TypeAlias = _typing.Literal["point_at_place", "point_at_angles", "release_camera", "judge_poi", "fly_to_place", "set_flight_mode", "override_safety", "acknowledge_selftest", "mission", "follow_poi"]  # noqa: Y015
+    _WhichOneofReturnType_order: _TypeAlias = _typing.Literal["point_at_place", "point_at_angles", "release_camera", "judge_poi", "zoom_camera", "fly_to_place", "set_flight_mode", "override_safety", "acknowledge_selftest", "mission", "follow_poi"]  # noqa: Y015
     _WhichOneofArgType_order: _TypeAlias = _typing.Literal["order", b"order"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_order) -> _WhichOneofReturnType_order | None: ...
 

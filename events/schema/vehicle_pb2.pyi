@@ -376,6 +376,7 @@ class GimbalReported(_message.Message):
     YAW_CDEG_FIELD_NUMBER: _builtins.int
     EFFECT_SEQ_FIELD_NUMBER: _builtins.int
     ERROR_CDEG_FIELD_NUMBER: _builtins.int
+    DEMANDED_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     gimbal: _builtins.int
@@ -388,6 +389,8 @@ class GimbalReported(_message.Message):
     """Seq of the effect that is measured against; absent when nothing is asked."""
     error_cdeg: _builtins.int
     """Angle between what is asked and what is reported, in 0.01 degrees; absent when nothing is asked."""
+    demanded: _builtins.bool
+    """True: this is what was demanded of the servos, and nothing measures it. Absent: the gimbal measures."""
     def __init__(
         self,
         *,
@@ -397,11 +400,262 @@ class GimbalReported(_message.Message):
         yaw_cdeg: _builtins.int | None = ...,
         effect_seq: _builtins.int | None = ...,
         error_cdeg: _builtins.int | None = ...,
+        demanded: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["effect_seq", b"effect_seq", "error_cdeg", b"error_cdeg", "gimbal", b"gimbal", "pitch_cdeg", b"pitch_cdeg", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["demanded", b"demanded", "effect_seq", b"effect_seq", "error_cdeg", b"error_cdeg", "gimbal", b"gimbal", "pitch_cdeg", b"pitch_cdeg", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["effect_seq", b"effect_seq", "error_cdeg", b"error_cdeg", "gimbal", b"gimbal", "pitch_cdeg", b"pitch_cdeg", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["demanded", b"demanded", "effect_seq", b"effect_seq", "error_cdeg", b"error_cdeg", "gimbal", b"gimbal", "pitch_cdeg", b"pitch_cdeg", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___GimbalReported: _TypeAlias = GimbalReported  # noqa: Y015
+
+@_typing.final
+class GimbalDescribed(_message.Message):
+    """What a gimbal is and how far it turns, as its manager says; told again when that changes."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    GIMBAL_FIELD_NUMBER: _builtins.int
+    MANAGED_FIELD_NUMBER: _builtins.int
+    PANS_FIELD_NUMBER: _builtins.int
+    TURNS_VEHICLE_FIELD_NUMBER: _builtins.int
+    PITCH_MIN_CDEG_FIELD_NUMBER: _builtins.int
+    PITCH_MAX_CDEG_FIELD_NUMBER: _builtins.int
+    YAW_MIN_CDEG_FIELD_NUMBER: _builtins.int
+    YAW_MAX_CDEG_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    gimbal: _builtins.int
+    """Gimbal number, from 1."""
+    managed: _builtins.bool
+    """True: a gimbal manager has told of itself. False: none has answered."""
+    pans: _builtins.bool
+    """True: it turns to both sides by itself."""
+    turns_vehicle: _builtins.bool
+    """True: the vehicle can hover and no gimbal pans, so that a place to look at turns the vehicle's nose."""
+    pitch_min_cdeg: _builtins.int
+    """Lowest pitch in 0.01 degrees, up positive; absent where it is not told."""
+    pitch_max_cdeg: _builtins.int
+    """Highest pitch in 0.01 degrees, up positive; absent where it is not told."""
+    yaw_min_cdeg: _builtins.int
+    """Yaw farthest to the left, from the vehicle's nose, in 0.01 degrees; absent where it is not told."""
+    yaw_max_cdeg: _builtins.int
+    """Yaw farthest to the right, from the vehicle's nose, in 0.01 degrees; absent where it is not told."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        gimbal: _builtins.int | None = ...,
+        managed: _builtins.bool | None = ...,
+        pans: _builtins.bool | None = ...,
+        turns_vehicle: _builtins.bool | None = ...,
+        pitch_min_cdeg: _builtins.int | None = ...,
+        pitch_max_cdeg: _builtins.int | None = ...,
+        yaw_min_cdeg: _builtins.int | None = ...,
+        yaw_max_cdeg: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["gimbal", b"gimbal", "managed", b"managed", "pans", b"pans", "pitch_max_cdeg", b"pitch_max_cdeg", "pitch_min_cdeg", b"pitch_min_cdeg", "turns_vehicle", b"turns_vehicle", "vehicle", b"vehicle", "yaw_max_cdeg", b"yaw_max_cdeg", "yaw_min_cdeg", b"yaw_min_cdeg"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["gimbal", b"gimbal", "managed", b"managed", "pans", b"pans", "pitch_max_cdeg", b"pitch_max_cdeg", "pitch_min_cdeg", b"pitch_min_cdeg", "turns_vehicle", b"turns_vehicle", "vehicle", b"vehicle", "yaw_max_cdeg", b"yaw_max_cdeg", "yaw_min_cdeg", b"yaw_min_cdeg"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GimbalDescribed: _TypeAlias = GimbalDescribed  # noqa: Y015
+
+@_typing.final
+class GimbalControlChanged(_message.Message):
+    """Another than before controls a gimbal, as its manager says (GIMBAL_MANAGER_STATUS, primary control)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    GIMBAL_FIELD_NUMBER: _builtins.int
+    SYSTEM_ID_FIELD_NUMBER: _builtins.int
+    COMPONENT_ID_FIELD_NUMBER: _builtins.int
+    OURS_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    gimbal: _builtins.int
+    """Gimbal number, from 1."""
+    system_id: _builtins.int
+    """MAVLink system id of who controls it; 0 where nobody does."""
+    component_id: _builtins.int
+    """MAVLink component id of who controls it; 0 where nobody does."""
+    ours: _builtins.bool
+    """True: it is this node."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        gimbal: _builtins.int | None = ...,
+        system_id: _builtins.int | None = ...,
+        component_id: _builtins.int | None = ...,
+        ours: _builtins.bool | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["component_id", b"component_id", "gimbal", b"gimbal", "ours", b"ours", "system_id", b"system_id", "vehicle", b"vehicle"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["component_id", b"component_id", "gimbal", b"gimbal", "ours", b"ours", "system_id", b"system_id", "vehicle", b"vehicle"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GimbalControlChanged: _TypeAlias = GimbalControlChanged  # noqa: Y015
+
+@_typing.final
+class TakeGimbal(_message.Message):
+    """Take primary control of a gimbal, before an operator's order points it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    GIMBAL_FIELD_NUMBER: _builtins.int
+    LIFE_MS_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    gimbal: _builtins.int
+    """Gimbal number, from 1."""
+    life_ms: _builtins.int
+    """How long it is worth sending, in milliseconds from this record."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        gimbal: _builtins.int | None = ...,
+        life_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["gimbal", b"gimbal", "life_ms", b"life_ms", "vehicle", b"vehicle"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["gimbal", b"gimbal", "life_ms", b"life_ms", "vehicle", b"vehicle"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___TakeGimbal: _TypeAlias = TakeGimbal  # noqa: Y015
+
+@_typing.final
+class GiveUpGimbal(_message.Message):
+    """Give up primary control of a gimbal; where another has it by now, that changes nothing."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    GIMBAL_FIELD_NUMBER: _builtins.int
+    LIFE_MS_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    gimbal: _builtins.int
+    """Gimbal number, from 1."""
+    life_ms: _builtins.int
+    """How long it is worth sending, in milliseconds from this record."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        gimbal: _builtins.int | None = ...,
+        life_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["gimbal", b"gimbal", "life_ms", b"life_ms", "vehicle", b"vehicle"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["gimbal", b"gimbal", "life_ms", b"life_ms", "vehicle", b"vehicle"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GiveUpGimbal: _TypeAlias = GiveUpGimbal  # noqa: Y015
+
+@_typing.final
+class CameraDescribed(_message.Message):
+    """What a camera can do, as it says itself; told again when that changes."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    ZOOMS_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    camera: _builtins.int
+    """Camera number, from 1."""
+    zooms: _builtins.bool
+    """True: it can zoom."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        camera: _builtins.int | None = ...,
+        zooms: _builtins.bool | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "vehicle", b"vehicle", "zooms", b"zooms"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "vehicle", b"vehicle", "zooms", b"zooms"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CameraDescribed: _TypeAlias = CameraDescribed  # noqa: Y015
+
+@_typing.final
+class CameraZoomed(_message.Message):
+    """How far a camera is zoomed in, when that changed."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    ZOOM_E4_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    camera: _builtins.int
+    """Camera number, from 1."""
+    zoom_e4: _builtins.int
+    """Share of its whole range in 1e-4: 0 is widest."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        camera: _builtins.int | None = ...,
+        zoom_e4: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "vehicle", b"vehicle", "zoom_e4", b"zoom_e4"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "vehicle", b"vehicle", "zoom_e4", b"zoom_e4"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CameraZoomed: _TypeAlias = CameraZoomed  # noqa: Y015
+
+@_typing.final
+class SetZoom(_message.Message):
+    """Zoom a camera."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    ZOOM_E4_FIELD_NUMBER: _builtins.int
+    LIFE_MS_FIELD_NUMBER: _builtins.int
+    ORDER_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    camera: _builtins.int
+    """Camera number, from 1."""
+    zoom_e4: _builtins.int
+    """Share of its whole range in 1e-4: 0 is widest."""
+    life_ms: _builtins.int
+    """What is left of the order's life, in milliseconds from this record: nothing is sent later."""
+    order: _builtins.str
+    """The order that it serves, as principal/command_id."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        camera: _builtins.int | None = ...,
+        zoom_e4: _builtins.int | None = ...,
+        life_ms: _builtins.int | None = ...,
+        order: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "life_ms", b"life_ms", "order", b"order", "vehicle", b"vehicle", "zoom_e4", b"zoom_e4"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "life_ms", b"life_ms", "order", b"order", "vehicle", b"vehicle", "zoom_e4", b"zoom_e4"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SetZoom: _TypeAlias = SetZoom  # noqa: Y015

@@ -628,6 +628,7 @@ class DeviceCommand(_message.Message):
     CAMERA_RELEASE_FIELD_NUMBER: _builtins.int
     POI_CONFIRM_FIELD_NUMBER: _builtins.int
     POI_DECLINE_FIELD_NUMBER: _builtins.int
+    CAMERA_ZOOM_FIELD_NUMBER: _builtins.int
     FLY_TO_WAYPOINT_FIELD_NUMBER: _builtins.int
     SET_FLIGHT_MODE_FIELD_NUMBER: _builtins.int
     SAFETY_OVERRIDE_FIELD_NUMBER: _builtins.int
@@ -648,6 +649,8 @@ class DeviceCommand(_message.Message):
     def poi_confirm(self) -> Global___PoiConfirm: ...
     @_builtins.property
     def poi_decline(self) -> Global___PoiDecline: ...
+    @_builtins.property
+    def camera_zoom(self) -> Global___CameraZoom: ...
     @_builtins.property
     def fly_to_waypoint(self) -> Global___FlyToWaypoint: ...
     @_builtins.property
@@ -670,6 +673,7 @@ class DeviceCommand(_message.Message):
         camera_release: Global___CameraRelease | None = ...,
         poi_confirm: Global___PoiConfirm | None = ...,
         poi_decline: Global___PoiDecline | None = ...,
+        camera_zoom: Global___CameraZoom | None = ...,
         fly_to_waypoint: Global___FlyToWaypoint | None = ...,
         set_flight_mode: Global___SetFlightMode | None = ...,
         safety_override: Global___SafetyOverride | None = ...,
@@ -677,11 +681,11 @@ class DeviceCommand(_message.Message):
         mission_command: Global___MissionCommand | None = ...,
         poi_follow: Global___PoiFollow | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["camera_pitch_yaw", b"camera_pitch_yaw", "camera_release", b"camera_release", "camera_roi", b"camera_roi", "command", b"command", "command_id", b"command_id", "fly_to_waypoint", b"fly_to_waypoint", "mission_command", b"mission_command", "poi_confirm", b"poi_confirm", "poi_decline", b"poi_decline", "poi_follow", b"poi_follow", "safety_override", b"safety_override", "selftest_acknowledge", b"selftest_acknowledge", "set_flight_mode", b"set_flight_mode", "target_node_pubkey", b"target_node_pubkey"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera_pitch_yaw", b"camera_pitch_yaw", "camera_release", b"camera_release", "camera_roi", b"camera_roi", "camera_zoom", b"camera_zoom", "command", b"command", "command_id", b"command_id", "fly_to_waypoint", b"fly_to_waypoint", "mission_command", b"mission_command", "poi_confirm", b"poi_confirm", "poi_decline", b"poi_decline", "poi_follow", b"poi_follow", "safety_override", b"safety_override", "selftest_acknowledge", b"selftest_acknowledge", "set_flight_mode", b"set_flight_mode", "target_node_pubkey", b"target_node_pubkey"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera_pitch_yaw", b"camera_pitch_yaw", "camera_release", b"camera_release", "camera_roi", b"camera_roi", "command", b"command", "command_id", b"command_id", "fly_to_waypoint", b"fly_to_waypoint", "mission_command", b"mission_command", "poi_confirm", b"poi_confirm", "poi_decline", b"poi_decline", "poi_follow", b"poi_follow", "safety_override", b"safety_override", "selftest_acknowledge", b"selftest_acknowledge", "set_flight_mode", b"set_flight_mode", "target_node_pubkey", b"target_node_pubkey"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera_pitch_yaw", b"camera_pitch_yaw", "camera_release", b"camera_release", "camera_roi", b"camera_roi", "camera_zoom", b"camera_zoom", "command", b"command", "command_id", b"command_id", "fly_to_waypoint", b"fly_to_waypoint", "mission_command", b"mission_command", "poi_confirm", b"poi_confirm", "poi_decline", b"poi_decline", "poi_follow", b"poi_follow", "safety_override", b"safety_override", "selftest_acknowledge", b"selftest_acknowledge", "set_flight_mode", b"set_flight_mode", "target_node_pubkey", b"target_node_pubkey"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    _WhichOneofReturnType_command: _TypeAlias = _typing.Literal["camera_roi", "camera_pitch_yaw", "camera_release", "poi_confirm", "poi_decline", "fly_to_waypoint", "set_flight_mode", "safety_override", "selftest_acknowledge", "mission_command", "poi_follow"]  # noqa: Y015
+    _WhichOneofReturnType_command: _TypeAlias = _typing.Literal["camera_roi", "camera_pitch_yaw", "camera_release", "poi_confirm", "poi_decline", "camera_zoom", "fly_to_waypoint", "set_flight_mode", "safety_override", "selftest_acknowledge", "mission_command", "poi_follow"]  # noqa: Y015
     _WhichOneofArgType_command: _TypeAlias = _typing.Literal["command", b"command"]  # noqa: Y015
     def WhichOneof(self, oneof_group: _WhichOneofArgType_command) -> _WhichOneofReturnType_command | None: ...
 
@@ -776,6 +780,32 @@ class CameraRelease(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___CameraRelease: _TypeAlias = CameraRelease  # noqa: Y015
+
+@_typing.final
+class CameraZoom(_message.Message):
+    """Ours: zoom the camera."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    ZOOM_E4_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    zoom_e4: _builtins.int
+    """Share of the whole range in 0.01 %, 0 (widest) to 10000."""
+    camera: _builtins.int
+    """Camera, from 1; absent means 1."""
+    def __init__(
+        self,
+        *,
+        zoom_e4: _builtins.int | None = ...,
+        camera: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "zoom_e4", b"zoom_e4"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "zoom_e4", b"zoom_e4"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CameraZoom: _TypeAlias = CameraZoom  # noqa: Y015
 
 @_typing.final
 class PoiConfirm(_message.Message):
@@ -1073,6 +1103,7 @@ class NodeStatus(_message.Message):
     EPOCH_ID_FIELD_NUMBER: _builtins.int
     CAMERA_ROLES_FIELD_NUMBER: _builtins.int
     FLIGHT_ROLES_FIELD_NUMBER: _builtins.int
+    MISSION_FIELD_NUMBER: _builtins.int
     at_ms: _builtins.int
     """Node's clock, milliseconds since 1970."""
     flight_id: _builtins.bytes
@@ -1139,6 +1170,10 @@ class NodeStatus(_message.Message):
     def flight_roles(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """Roles that may command its flight; empty means nobody."""
 
+    @_builtins.property
+    def mission(self) -> Global___MissionStatus:
+        """How far the mission is; absent where this node flies none."""
+
     def __init__(
         self,
         *,
@@ -1170,14 +1205,75 @@ class NodeStatus(_message.Message):
         epoch_id: _builtins.int | None = ...,
         camera_roles: _abc.Iterable[_builtins.str] | None = ...,
         flight_roles: _abc.Iterable[_builtins.str] | None = ...,
+        mission: Global___MissionStatus | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "raw_stopped", b"raw_stopped", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "raw_stopped", b"raw_stopped", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "raw_stopped", b"raw_stopped", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "pois", b"pois", "raw_stopped", b"raw_stopped", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___NodeStatus: _TypeAlias = NodeStatus  # noqa: Y015
+
+@_typing.final
+class MissionStatus(_message.Message):
+    """A mission and how far it is."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    STATE_FIELD_NUMBER: _builtins.int
+    BECAUSE_FIELD_NUMBER: _builtins.int
+    MISSION_ID_FIELD_NUMBER: _builtins.int
+    ITEMS_FIELD_NUMBER: _builtins.int
+    NEXT_ITEM_FIELD_NUMBER: _builtins.int
+    FENCES_FIELD_NUMBER: _builtins.int
+    SELFTEST_FIELD_NUMBER: _builtins.int
+    REPORT_ID_FIELD_NUMBER: _builtins.int
+    FINDINGS_FIELD_NUMBER: _builtins.int
+    UNAVAILABLE_FIELD_NUMBER: _builtins.int
+    state: _builtins.str
+    """State of the chart `mission`: "ready", "uploading", "flying", ..."""
+    because: _builtins.str
+    """Why it is in this state, in words."""
+    mission_id: _builtins.str
+    """UUID string; absent before one was fetched."""
+    items: _builtins.int
+    """Items of the plan."""
+    next_item: _builtins.int
+    """Index of the first item that is not behind the vehicle."""
+    fences: _builtins.int
+    """Fences of the plan."""
+    selftest: _builtins.str
+    """State of the chart `selftest`: "running", "awaiting", "passed", ..."""
+    report_id: _builtins.int
+    """Number of its newest report, which an acknowledgement names; absent before one."""
+    unavailable: _builtins.str
+    """What stands in the way of having a mission, in words; absent where nothing does."""
+    @_builtins.property
+    def findings(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """Its items that did not simply pass, as "name: verdict, words"."""
+
+    def __init__(
+        self,
+        *,
+        state: _builtins.str | None = ...,
+        because: _builtins.str | None = ...,
+        mission_id: _builtins.str | None = ...,
+        items: _builtins.int | None = ...,
+        next_item: _builtins.int | None = ...,
+        fences: _builtins.int | None = ...,
+        selftest: _builtins.str | None = ...,
+        report_id: _builtins.int | None = ...,
+        findings: _abc.Iterable[_builtins.str] | None = ...,
+        unavailable: _builtins.str | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "fences", b"fences", "findings", b"findings", "items", b"items", "mission_id", b"mission_id", "next_item", b"next_item", "report_id", b"report_id", "selftest", b"selftest", "state", b"state", "unavailable", b"unavailable"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "fences", b"fences", "findings", b"findings", "items", b"items", "mission_id", b"mission_id", "next_item", b"next_item", "report_id", b"report_id", "selftest", b"selftest", "state", b"state", "unavailable", b"unavailable"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___MissionStatus: _TypeAlias = MissionStatus  # noqa: Y015
 
 @_typing.final
 class ConsistencyRequest(_message.Message):
@@ -1316,6 +1412,12 @@ class CameraStatus(_message.Message):
     YAW_CDEG_FIELD_NUMBER: _builtins.int
     ERROR_CDEG_FIELD_NUMBER: _builtins.int
     ARRIVED_AFTER_MS_FIELD_NUMBER: _builtins.int
+    AIM_BECAUSE_FIELD_NUMBER: _builtins.int
+    AIM_COMMAND_ID_FIELD_NUMBER: _builtins.int
+    AIM_DEMANDED_FIELD_NUMBER: _builtins.int
+    GIMBAL_CONTROL_FIELD_NUMBER: _builtins.int
+    CAUTION_FIELD_NUMBER: _builtins.int
+    ZOOM_E4_FIELD_NUMBER: _builtins.int
     vehicle: _builtins.int
     """Vehicle number, from 1."""
     camera: _builtins.int
@@ -1331,7 +1433,7 @@ class CameraStatus(_message.Message):
     held_for_ms: _builtins.int
     """How much longer it is held, milliseconds."""
     aim: _builtins.str
-    """"idle", "moving", "arrived", "missed"."""
+    """"idle", "moving", "arrived", "drifted", "missed"."""
     asked: _builtins.str
     """What was asked, in words ("place 52.1 4.3", "angles -30 90")."""
     pitch_cdeg: _builtins.int
@@ -1342,6 +1444,18 @@ class CameraStatus(_message.Message):
     """Measured error in 0.01 degrees."""
     arrived_after_ms: _builtins.int
     """Time from the order to arrival in milliseconds; absent before."""
+    aim_because: _builtins.str
+    """Why the aim is as it is ("255/190 took it"); absent where its state says it all."""
+    aim_command_id: _builtins.str
+    """The order that the aim serves; absent for a wish of the node's own, and while nothing is asked."""
+    aim_demanded: _builtins.bool
+    """True: pitch, yaw and error are of what was demanded of the servos, and nothing measures it."""
+    gimbal_control: _builtins.str
+    """Who controls the gimbal: "this node", "nobody", or another as "255/190"; absent where no gimbal manager tells."""
+    caution: _builtins.str
+    """What an operator should know before ordering ("no gimbal that pans: ..."); absent where there is nothing."""
+    zoom_e4: _builtins.int
+    """Zoom as a share of its whole range in 0.01 %; absent where no camera tells."""
     def __init__(
         self,
         *,
@@ -1358,10 +1472,16 @@ class CameraStatus(_message.Message):
         yaw_cdeg: _builtins.int | None = ...,
         error_cdeg: _builtins.int | None = ...,
         arrived_after_ms: _builtins.int | None = ...,
+        aim_because: _builtins.str | None = ...,
+        aim_command_id: _builtins.str | None = ...,
+        aim_demanded: _builtins.bool | None = ...,
+        gimbal_control: _builtins.str | None = ...,
+        caution: _builtins.str | None = ...,
+        zoom_e4: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["aim", b"aim", "arrived_after_ms", b"arrived_after_ms", "asked", b"asked", "callsign", b"callsign", "camera", b"camera", "command_id", b"command_id", "error_cdeg", b"error_cdeg", "gimbal", b"gimbal", "held_for_ms", b"held_for_ms", "pitch_cdeg", b"pitch_cdeg", "state", b"state", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["aim", b"aim", "aim_because", b"aim_because", "aim_command_id", b"aim_command_id", "aim_demanded", b"aim_demanded", "arrived_after_ms", b"arrived_after_ms", "asked", b"asked", "callsign", b"callsign", "camera", b"camera", "caution", b"caution", "command_id", b"command_id", "error_cdeg", b"error_cdeg", "gimbal", b"gimbal", "gimbal_control", b"gimbal_control", "held_for_ms", b"held_for_ms", "pitch_cdeg", b"pitch_cdeg", "state", b"state", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg", "zoom_e4", b"zoom_e4"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["aim", b"aim", "arrived_after_ms", b"arrived_after_ms", "asked", b"asked", "callsign", b"callsign", "camera", b"camera", "command_id", b"command_id", "error_cdeg", b"error_cdeg", "gimbal", b"gimbal", "held_for_ms", b"held_for_ms", "pitch_cdeg", b"pitch_cdeg", "state", b"state", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["aim", b"aim", "aim_because", b"aim_because", "aim_command_id", b"aim_command_id", "aim_demanded", b"aim_demanded", "arrived_after_ms", b"arrived_after_ms", "asked", b"asked", "callsign", b"callsign", "camera", b"camera", "caution", b"caution", "command_id", b"command_id", "error_cdeg", b"error_cdeg", "gimbal", b"gimbal", "gimbal_control", b"gimbal_control", "held_for_ms", b"held_for_ms", "pitch_cdeg", b"pitch_cdeg", "state", b"state", "vehicle", b"vehicle", "yaw_cdeg", b"yaw_cdeg", "zoom_e4", b"zoom_e4"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -153,5 +153,6 @@ _WHERE: dict[str, Callable[[State, str], str | None]] = {
     "poi": lambda state, key: state.pois[key].state if key in state.pois else None,
     "scan": lambda state, key: state.scans[key].state if key in state.scans else None,
     "aim": lambda state, key: state.aims[key].state if key in state.aims else None,
+    "control": lambda state, key: state.controls[key].state if key in state.controls else None,
     "health": lambda state, _: state.health.value,
 }

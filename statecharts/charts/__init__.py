@@ -8,6 +8,8 @@ from statecharts.charts import (
     aim,
     camera,
     command_part,
+    control,
+    gimbals,
     health,
     mapping,
     mission_part,
@@ -30,9 +32,10 @@ PARTS: tuple[Part, ...] = (
     poi_part.PART,
     scan_part.PART,
     mission_part.PART,
+    control.PART,
     aim.PART,
 )
 CHARTS: tuple[Chart[Any], ...] = tuple(part.chart for part in PARTS)
 
 # Changes of state that no chart owns.
-PLAIN: tuple[dict[str, Evolve], ...] = (opening.EVOLVE, vehicle.EVOLVE, trust.EVOLVE)
+PLAIN: tuple[dict[str, Evolve], ...] = (opening.EVOLVE, vehicle.EVOLVE, gimbals.EVOLVE, trust.EVOLVE)

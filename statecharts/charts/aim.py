@@ -5,6 +5,11 @@ starts a measurement: the edge reports the angle between what was asked and what
 within `arrival_tolerance_cdeg` it has arrived. After `arrival_patience_ms`, or when the vehicle refuses the command, it
 has missed. A newer effect starts over. A start of the daemon ends the measurement, for what is measured against was in
 the process before: the gimbal did not miss, nobody looks any more. It must never call an accepted command an arrival.
+
+One that arrived and then is off by more than `drift_cdeg` for `drift_settle_ms` has drifted, and where another took
+control of it since it was asked, that is said; back within the tolerance it has arrived again. A gust or a turn of the
+vehicle that the gimbal makes good within that time is no drift. Where nothing measures (a servo mount reports what it
+was told) the reasons say so: arrived is then "commanded".
 """
 
 from __future__ import annotations
@@ -23,10 +28,12 @@ from events.schema.vehicle_pb2 import (
     PointAtPlace,
     ReleasePointing,
 )
+from statecharts.charts.control import other_controller
 from statecharts.facts import Aim, fitting_key
 from statecharts.part import Part
 from statecharts.state import State
 from statecharts.table import Answer, Chart, Row, ignore, move, moved
+from statecharts.words import degrees_rounded
 
 NS_PER_MS = 1_000_000
 MAV_GOES_ON = (0, 5)  # MAV_RESULT accepted, in progress
@@ -36,6 +43,7 @@ MAV_GOES_ON = (0, 5)  # MAV_RESULT accepted, in progress
 class _Facts:
     error_cdeg: int = 0
     tolerance_cdeg: int = 0
+    demanded: bool = False
 
 
 def near(facts: _Facts) -> bool:
@@ -43,12 +51,15 @@ def near(facts: _Facts) -> bool:
     return facts.error_cdeg <= facts.tolerance_cdeg
 
 
+def near_by_demand(facts: _Facts) -> bool:
+    """What was demanded of the servos is within the tolerance; nothing measures where they are."""
+    return facts.demanded and near(facts)
+
+
 def _rows_of_rest(source: str) -> tuple[Row[_Facts], ...]:
+    """Return what happens where nothing is waited for."""
     return (
-        move(source, "asked", "moving", "asked to look somewhere"),
-        move(source, "let_go", "idle", "let go")
-        if source != "idle"
-        else ignore(source, "let_go", "nothing is asked of it"),
+        *_rows_of_asking(source),
         ignore(source, "measured", "nothing is waited for"),
         ignore(source, "refused", "nothing is waited for"),
         ignore(source, "time_passed", "nothing is waited for"),
@@ -56,22 +67,42 @@ def _rows_of_rest(source: str) -> tuple[Row[_Facts], ...]:
     )
 
 
+def _rows_of_asking(source: str) -> tuple[Row[_Facts], ...]:
+    return (
+        move(source, "asked", "moving", "asked to look somewhere"),
+        move(source, "let_go", "idle", "let go")
+        if source != "idle"
+        else ignore(source, "let_go", "nothing is asked of it"),
+    )
+
+
 CHART: Chart[_Facts] = Chart(
     name="aim",
     initial="idle",
-    states=("idle", "moving", "arrived", "missed"),
+    states=("idle", "moving", "arrived", "drifted", "missed"),
     terminal=(),
     triggers=("asked", "let_go", "measured", "refused", "time_passed", "node_started"),
     rows=(
         *_rows_of_rest("idle"),
         move("moving", "asked", "moving", "asked to look elsewhere"),
         move("moving", "let_go", "idle", "let go"),
-        move("moving", "measured", "arrived", "measured within the tolerance", near, band=1),
-        ignore("moving", "measured", "on its way", band=2),
+        move("moving", "measured", "arrived", "commanded there: nothing measures it", near_by_demand, band=1),
+        move("moving", "measured", "arrived", "measured within the tolerance", near, band=2),
+        ignore("moving", "measured", "on its way", band=3),
         move("moving", "refused", "missed", "the vehicle did not take the command"),
         move("moving", "time_passed", "missed", "not there in time"),
         move("moving", "node_started", "idle", "started again: nobody measures it any more"),
-        *_rows_of_rest("arrived"),
+        *_rows_of_asking("arrived"),
+        ignore("arrived", "measured", "there, or off for a moment: time tells"),
+        ignore("arrived", "refused", "it is there, whatever the vehicle says"),
+        move("arrived", "time_passed", "drifted", "off for too long"),
+        ignore("arrived", "node_started", "nobody measures it any more"),
+        *_rows_of_asking("drifted"),
+        move("drifted", "measured", "arrived", "back within the tolerance", near, band=1),
+        ignore("drifted", "measured", "still off", band=2),
+        ignore("drifted", "refused", "it was there, whatever the vehicle says"),
+        ignore("drifted", "time_passed", "known already"),
+        ignore("drifted", "node_started", "nobody measures it any more"),
         *_rows_of_rest("missed"),
     ),
 )
@@ -102,7 +133,8 @@ def _measured(state: State, report: GimbalReported) -> tuple[Message, ...]:
     aim = state.aims.get(key)
     if aim is None or not report.HasField("error_cdeg") or report.effect_seq != aim.effect_seq:
         return ()
-    return _fire(state, key, "measured", _Facts(report.error_cdeg, state.flight.limits.arrival_tolerance_cdeg))
+    tolerance_cdeg = state.flight.limits.arrival_tolerance_cdeg
+    return _fire(state, key, "measured", _Facts(report.error_cdeg, tolerance_cdeg, report.demanded))
 
 
 def _answered(state: State, answer: CommandAnswered | CommandUnanswered) -> tuple[Message, ...]:
@@ -119,7 +151,23 @@ def _answered(state: State, answer: CommandAnswered | CommandUnanswered) -> tupl
 def _fire(state: State, key: str, trigger: str, facts: _Facts | None = None) -> tuple[Message, ...]:
     aim = state.aims.get(key) or Aim()
     row = CHART.ask(aim.state, trigger, facts or _Facts())
-    return (moved(CHART, key, row),) if row.answer is Answer.MOVE else ()
+    if row.answer is not Answer.MOVE:
+        return ()
+    change = moved(CHART, key, row)
+    change.because = _because(state, key, aim, row)
+    return (change,)
+
+
+def _because(state: State, key: str, aim: Aim, row: Row[_Facts]) -> str:
+    """Return why, naming who else has the gimbal and how far it is off."""
+    other = other_controller(state, key)
+    if row.target == "missed" and other:
+        return f"{row.because}: {other} controls it"
+    if row.target != "drifted":
+        return row.because
+    if other:
+        return f"{other} took it" if state.controls[key].since_ns >= aim.asked_ns else f"{other} controls it"
+    return f"{degrees_rounded(aim.error_cdeg or 0)} deg off"
 
 
 def _gimbal(record: Record) -> str:
@@ -133,16 +181,16 @@ def _ask(state: State, record: Record) -> None:
     before = state.aims.get(key) or Aim()
     effect = record.message
     assert isinstance(effect, PointAtPlace | PointAtAngles)
-    state.aims.put(
-        key, before._replace(effect_seq=record.seq, order=effect.order, asked_ns=record.at.flight_ns, error_cdeg=None)
-    )
+    asked = Aim(state=before.state, effect_seq=record.seq, order=effect.order, asked_ns=record.at.flight_ns)
+    state.aims.put(key, asked)
     patience_ms = state.flight.limits.arrival_patience_ms
     state.deadlines.put((CHART.name, key), record.at.flight_ns + patience_ms * NS_PER_MS)
 
 
 def _let_go(state: State, record: Record) -> None:
     key = _gimbal(record)
-    state.aims.put(key, (state.aims.get(key) or Aim())._replace(effect_seq=-1, order="", error_cdeg=None))
+    before = state.aims.get(key) or Aim()
+    state.aims.put(key, Aim(state=before.state, asked_ns=before.asked_ns))
 
 
 def _measure(state: State, record: Record) -> None:
@@ -150,8 +198,27 @@ def _measure(state: State, record: Record) -> None:
     assert isinstance(report, GimbalReported)
     key = fitting_key(report.vehicle, report.gimbal)
     aim = state.aims.get(key)
-    if aim is not None and report.HasField("error_cdeg") and report.effect_seq == aim.effect_seq:
-        state.aims.put(key, aim._replace(error_cdeg=report.error_cdeg))
+    if aim is None or not report.HasField("error_cdeg") or report.effect_seq != aim.effect_seq:
+        return
+    state.aims.put(key, aim._replace(error_cdeg=report.error_cdeg, demanded=report.demanded))
+    if aim.state == "arrived":
+        _watch_drift(state, key, report.error_cdeg, record.at.flight_ns)
+
+
+def _watch_drift(state: State, key: str, error_cdeg: int, now_ns: int) -> None:
+    """Start to wait where it is off, once; stop where it is not."""
+    limits, deadline = state.flight.limits, (CHART.name, key)
+    if not limits.drift_settle_ms or error_cdeg <= max(limits.drift_cdeg, limits.arrival_tolerance_cdeg):
+        state.deadlines.drop(deadline)
+    elif deadline not in state.deadlines:
+        state.deadlines.put(deadline, now_ns + limits.drift_settle_ms * NS_PER_MS)
+
+
+def _started(state: State, _record: Record) -> None:
+    """Wait for no drift any more: nobody measures against what was asked before a start."""
+    for key, aim in state.aims.items():
+        if aim.state == "arrived":
+            state.deadlines.drop((CHART.name, key))
 
 
 def _apply_move(state: State, record: Record) -> None:
@@ -185,6 +252,7 @@ PART = Part(
         "point_at_angles": _ask,
         "release_pointing": _let_go,
         "gimbal_reported": _measure,
+        "node_started": _started,
         "moved": _apply_move,
     },
     safety=True,

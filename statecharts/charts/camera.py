@@ -60,11 +60,14 @@ CHART: Chart[_Facts] = Chart(
     initial="automatic",
     states=("automatic", "operator", "released"),
     terminal=(),
-    triggers=("pointed", "let_go", "followed", "refused", "time_passed", "time_lost"),
+    triggers=("pointed", "zoomed", "let_go", "followed", "refused", "time_passed", "time_lost"),
     rows=(
         move("automatic", "pointed", "operator", "an operator points it"),
         move("operator", "pointed", "operator", "an operator points it: last write wins"),
         move("released", "pointed", "operator", "an operator points it"),
+        move("automatic", "zoomed", "operator", "an operator zooms it"),
+        move("operator", "zoomed", "operator", "an operator zooms it: last write wins"),
+        move("released", "zoomed", "operator", "an operator zooms it"),
         move("automatic", "let_go", "released", "an operator lets it go"),
         move("operator", "let_go", "released", "an operator lets it go"),
         move("released", "let_go", "released", "an operator lets it go again"),
@@ -86,7 +89,8 @@ CHART: Chart[_Facts] = Chart(
     ),
 )
 
-_TRIGGER = {"point": "pointed", "release": "let_go"}
+_TRIGGER = {"point": "pointed", "zoom": "zoomed", "release": "let_go"}
+_TAKES = ("point", "zoom")
 _REFUSED = ("rejected", "unsupported")  # ends of an order that was under way: the vehicle does not do it
 
 
@@ -141,7 +145,7 @@ def _standing(state: State, hold: Hold | None, now_ns: int) -> Hold | None:
 
 
 def _taken(state: State, order: Order) -> tuple[Message, ...]:
-    if order.verb != "point":
+    if order.verb not in _TAKES:
         return ()
     return (_taking(state.cameras[order.camera], order.principal_id, order.callsign, order.command_id),)
 

@@ -24,6 +24,8 @@ from dataclasses import dataclass
 
 from events.schema.common_pb2 import Place
 from events.schema.orders_pb2 import OrderReceived
+from statecharts.charts import command_gimbal as gimbal
+from statecharts.charts import gimbals
 from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
 from statecharts.facts import Arrival, Order
 from statecharts.state import State
@@ -31,8 +33,8 @@ from statecharts.table import Chart, Row, ignore, move, refuse
 
 FINAL = ("accepted", "rejected", "timeout", "unsupported", "unauthorised")
 UNDERWAY = ("intended", "sent", "in_progress")
-# What points, releases or judges harms nobody much. Anything else, also what this node does not know, moves more.
-CAMERA_VERBS = ("point", "release", "judge", "follow")
+# What points, zooms, releases or judges harms nobody much. Anything else, also what is not known here, moves more.
+CAMERA_VERBS = ("point", "zoom", "release", "judge", "follow")
 FLIGHT_VERBS = ("fly", "mode", "mission", "acknowledge")
 MISSION_VERBS = ("mission", "acknowledge")
 # A person's word: it is recorded, other charts hear it, and nothing leaves for the vehicle by this chart.
@@ -184,6 +186,8 @@ def on_the_ground(facts: Facts) -> bool:
 
 def no_such_camera(facts: Facts) -> bool:
     """The order names a camera that is not on board, or one that nothing turns."""
+    if facts.order.verb == "zoom":
+        return facts.order.camera not in facts.state.flight.gimbal_of
     if facts.order.verb not in ("point", "release", "follow"):
         return False
     return not facts.state.flight.gimbal_of.get(facts.order.camera)
@@ -295,6 +299,10 @@ _GATES: tuple[tuple[str, str, Callable[[Facts], bool] | None], ...] = (
     ("rejected", "no such camera, or nothing turns it", no_such_camera),
     ("rejected", "0, 0, 0 is no place to look at", null_place),
     ("rejected", "this node has no position yet", nowhere),
+    ("rejected", gimbals.UNKNOWN, gimbal.gimbal_unknown),
+    ("rejected", gimbals.NOTHING_PANS, gimbal.turns_vehicle),
+    ("rejected", "beyond the gimbal's limits", gimbal.beyond_limits),
+    ("unsupported", "this camera has no zoom", gimbal.no_zoom),
     ("rejected", "unknown_poi_id", unknown_poi),
     ("rejected", "expired: the question is closed", poi_over),
     ("rejected", "the mission is not at that", not_at_that),

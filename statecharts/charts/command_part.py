@@ -16,8 +16,17 @@ from events.schema.vehicle_pb2 import (
     PointAtAngles,
     PointAtPlace,
     ReleasePointing,
+    SetZoom,
 )
-from statecharts.charts.command import CHART, FINAL, MAV_UNSUPPORTED_ALL, UNDERWAY, Facts, answered_enough
+from statecharts.charts import command_gimbal, control, gimbals
+from statecharts.charts.command import (
+    CHART,
+    FINAL,
+    MAV_UNSUPPORTED_ALL,
+    UNDERWAY,
+    Facts,
+    answered_enough,
+)
 from statecharts.charts.command_state import EVOLVE
 from statecharts.facts import Order, order_key
 from statecharts.part import Part
@@ -85,8 +94,11 @@ def _arrived(state: State, record: Record) -> tuple[Message, ...]:
         return (_repeat(order, arrival.in_reply_to, row.because),)
     move = moved(CHART, arrival.key, row)
     if row.target in FINAL:
-        return move, _ack(order, order.in_reply_to, RESULTS[row.target], row.because, final=True)
-    return move, _effect(state, received, order), _rung(order, order.in_reply_to, row.target, row.because)
+        move.because = command_gimbal.limit_words(facts) if row.guard is command_gimbal.beyond_limits else row.because
+        return move, _ack(order, order.in_reply_to, RESULTS[row.target], move.because, final=True)
+    first = control.taking(state, order.gimbal) if order.verb == "point" else None
+    rung = _rung(order, order.in_reply_to, row.target, row.because + _notes(state, order))
+    return move, *(() if first is None else (first,)), _effect(state, received, order), rung
 
 
 def _repeat(order: Order, in_reply_to: bytes, because: str) -> SendAck:
@@ -146,19 +158,23 @@ def _effect(state: State, received: OrderReceived, order: Order) -> Message:
             return SetVehicleMode(vehicle=VEHICLE, mode=mode, life_ms=received.life_ms, order=key)
     effect = _pointing(received)
     camera = state.cameras[order.camera]
-    effect.vehicle, effect.camera, effect.gimbal = camera.vehicle, camera.camera, camera.gimbal
+    if not isinstance(effect, SetZoom):
+        effect.gimbal = camera.gimbal
+    effect.vehicle, effect.camera = camera.vehicle, camera.camera
     effect.life_ms, effect.order = received.life_ms, key
     return effect
 
 
-def _pointing(received: OrderReceived) -> PointAtPlace | PointAtAngles | ReleasePointing:
-    effect: PointAtPlace | PointAtAngles | ReleasePointing
+def _pointing(received: OrderReceived) -> PointAtPlace | PointAtAngles | ReleasePointing | SetZoom:
+    effect: PointAtPlace | PointAtAngles | ReleasePointing | SetZoom
     match received.WhichOneof("order"):
         case "point_at_place":
             effect = PointAtPlace(place=received.point_at_place.place)
         case "point_at_angles":
             angles = received.point_at_angles
             effect = PointAtAngles(pitch_cdeg=angles.pitch_cdeg, yaw_cdeg=angles.yaw_cdeg, yaw_locked=angles.yaw_locked)
+        case "zoom_camera":
+            effect = SetZoom(zoom_e4=received.zoom_camera.zoom_e4)
         case _:
             effect = ReleasePointing()
     return effect
@@ -188,12 +204,23 @@ def _fire(state: State, record: Record, key: str) -> tuple[Message, ...]:
     move = moved(CHART, key, row)
     if row.target not in FINAL:
         return move, _rung(order, order.in_reply_to, row.target, row.because)
-    detail = _detail(record, row.because)
+    detail = _detail(record, row.because) + _notes(state, order)
     move.because = detail
     ack = _ack(order, order.in_reply_to, RESULTS[row.target], detail, final=True)
     if order.mav_result is not None:
         ack.mav_result = order.mav_result
     return move, ack
+
+
+def _notes(state: State, order: Order) -> str:
+    """Return what else an operator who points should know: who has the gimbal, and what may turn."""
+    if order.verb != "point":
+        return ""
+    other = control.other_controller(state, order.gimbal)
+    notes = [f"{other} controls the gimbal"] if other else []
+    if order.at_place and gimbals.is_judged(state) and gimbals.may_turn_vehicle(state, order.gimbal):
+        notes.append(gimbals.MAY_TURN)
+    return "".join(f"; {note}" for note in notes)
 
 
 def _detail(record: Record, because: str) -> str:

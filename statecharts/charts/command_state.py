@@ -15,7 +15,14 @@ from events.schema.orders_pb2 import (
     SendAck,
 )
 from events.schema.safety_pb2 import FlyToPlace, SetVehicleMode
-from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, PointAtAngles, PointAtPlace, ReleasePointing
+from events.schema.vehicle_pb2 import (
+    CommandAnswered,
+    CommandUnanswered,
+    PointAtAngles,
+    PointAtPlace,
+    ReleasePointing,
+    SetZoom,
+)
 from statecharts.charts.command import CHART, FINAL, MAV_IN_PROGRESS, REPEATS_ANSWERED, UNDERWAY
 from statecharts.facts import Arrival, Effect, Order, fitting_key, order_key
 from statecharts.part import Evolve
@@ -74,6 +81,7 @@ def _order(state: State, received: OrderReceived, now_ns: int) -> Order:
         expires_ns=now_ns + received.life_ms * NS_PER_MS,
         keep_until_ns=now_ns + state.flight.limits.dedup_keep_ms * NS_PER_MS,
         asked=_VERBS.get(received.mission.verb, ""),
+        at_place=received.WhichOneof("order") == "point_at_place",
     )
 
 
@@ -86,6 +94,8 @@ def _asked(received: OrderReceived) -> tuple[str, str, str, bool]:
             return "point", fitting_key(1, received.point_at_angles.camera), "", False
         case "release_camera":
             return "release", fitting_key(1, received.release_camera.camera), "", False
+        case "zoom_camera":
+            return "zoom", fitting_key(1, received.zoom_camera.camera), "", False
         case "judge_poi":
             return "judge", "", received.judge_poi.poi_id, received.judge_poi.confirmed
         case "follow_poi":
@@ -144,8 +154,8 @@ def _apply_move(state: State, record: Record) -> None:
 
 def _remember_effect(state: State, record: Record) -> None:
     effect = record.message
-    assert isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing)
-    gimbal = fitting_key(effect.vehicle, effect.gimbal)
+    assert isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing | SetZoom)
+    gimbal = "" if isinstance(effect, SetZoom) else fitting_key(effect.vehicle, effect.gimbal)
     state.effects.drop_where(lambda earlier: earlier.done)
     state.effects.put(record.seq, Effect(effect.order, gimbal))
 
@@ -212,6 +222,7 @@ EVOLVE: dict[str, Evolve] = {
     "release_pointing": _remember_effect,
     "fly_to_place": _remember_flight_effect,
     "set_vehicle_mode": _remember_flight_effect,
+    "set_zoom": _remember_effect,
     "command_answered": _answered,
     "command_unanswered": _unanswered,
     "send_ack": _acked,

@@ -20,7 +20,7 @@ from statecharts.table import Chart, ignore, move
 class Facts:
     """What the guards look at."""
 
-    enabled: bool = False  # configured, there is a gimbal, and its vehicle is heard
+    enabled: bool = False  # configured, its vehicle is heard, and there is a gimbal that looks without turning that
     candidate: bool = False  # a point of interest waits to be looked at
     camera: str = ""  # state of the camera's chart
     rate_mhz: int = 0

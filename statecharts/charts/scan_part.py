@@ -8,6 +8,7 @@ from events.records import Record
 from events.schema.common_pb2 import Moved
 from events.schema.eyes_pb2 import FrameObserved
 from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace
+from statecharts.charts import gimbals
 from statecharts.charts.scan import CHART, Facts
 from statecharts.facts import Poi, Scan, Spot, fitting_key
 from statecharts.part import Part
@@ -48,6 +49,8 @@ def _fire(state: State, key: str, trigger: str, poi_id: str = "") -> tuple[Messa
     limits, scan = state.flight.limits, state.scans.get(key) or Scan()
     vehicle = state.vehicles.get(camera.vehicle)
     enabled = limits.scan_enabled and camera.gimbal > 0 and vehicle is not None and vehicle.link
+    if enabled and gimbals.is_refused(state):  # a look closer asks for a place, which must not turn the vehicle
+        enabled = not gimbals.may_turn_vehicle(state, fitting_key(camera.vehicle, camera.gimbal))
     candidate = _candidate(state, key) if enabled and camera.state == "automatic" else None
     facts = Facts(
         enabled=enabled,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from events import Record
 from tests.flights import Flight, story
-from tests.golden import findings, misfortunes, orders
+from tests.golden import findings, gimbals, misfortunes, orders
 from tests.golden.chance import by_chance
 from tests.replay.changes import at, forged
 
@@ -57,6 +57,7 @@ GOLDEN = (
         "switched_off", "The configuration in the manifest decides, not the one of today.", _told(orders.switched_off)
     ),
     Golden("nowhere", "Decisions before there is an origin or a vehicle.", _told(orders.nowhere)),
+    Golden("gimbals", "Who controls a gimbal, and what it does after it arrived.", _told(gimbals.gimbals)),
     Golden("questions", "Deadlines and a rolling minute: the order in which time passes.", _told(findings.questions)),
     Golden("mutes", "Nearest, first and same place: ties between objects.", _told(findings.mutes)),
     Golden("scans", "What the node does by itself, from frame rates and holds.", _told(findings.scans)),
@@ -95,7 +96,7 @@ UNREACHED = {
         "scan operator_held time_passed",
         "scan blocked time_passed",
         "aim idle time_passed",
-        "aim arrived time_passed",
+        "aim drifted time_passed",
         "aim missed time_passed",
     ),
     "the gate of the orders asks whether the question is open before anybody is judged": (
@@ -127,6 +128,15 @@ UNREACHED = {
         "poi expired time_passed",
         "poi withdrawn time_passed",
     ),
+    "control is asked for only where nobody has it, or another does": (
+        "control unknown asked_for",
+        "control asked asked_for",
+        "control ours asked_for",
+    ),
+    "a camera that is freed is heard of in the same step, but for safe mode": (
+        "control asked seen_ours",
+        "control ours seen_ours",
+    ),
     "a flight is closed once": (
         "poi withdrawn muted flight_closed",
     ),
@@ -138,6 +148,7 @@ UNREACHED = {
     "a start asks only those who wait for something": (
         "aim idle node_started",
         "aim arrived node_started",
+        "aim drifted node_started",
         "aim missed node_started",
         "camera automatic time_lost",
         "poi suppressed time_lost",

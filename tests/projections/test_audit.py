@@ -29,6 +29,7 @@ from tests.flights import (
     unanswered,
 )
 from tests.random_flights import Draw, draws, fly
+from tests.stories import Story
 
 
 def rows_of(flight: Flight) -> list[AuditRow]:
@@ -214,3 +215,25 @@ def test_a_repeat_that_is_not_answered_is_counted() -> None:
     assert set(arrived) <= set(row.seqs)
     answers = [record for record in flight.records if record.kind.name == "send_ack"]
     assert len(answers) == 4
+
+
+def test_hands_on_the_gimbal() -> None:
+    """One row for each change, with who had it before."""
+    story = Story()
+    for line in ("control 0/0", "control 0/0", "control 255/190", "control 1/191 ours"):
+        story.tell(line)
+    hands = [(row.asked, row.result, row.detail) for row in rows_of(story.flight) if row.what == "gimbal"]
+    assert hands == [
+        ("control of gimbal 1/1", "nobody", "as its manager says first"),
+        ("control of gimbal 1/1", "255/190", "was nobody"),
+        ("control of gimbal 1/1", "this node", "was 255/190"),
+    ]
+
+
+def test_a_zoom_is_a_row_like_any_order() -> None:
+    """With its effect's outcome."""
+    story = Story()
+    for line in ("lens zooms", "order a zoom", "sent a", "answered a 0"):
+        story.tell(line)
+    asked = {"verb": "zoom_camera", "asked": "zoom to 40 %, camera 1"}
+    check_row(story.flight, "order", "a", result="accepted", attempts=1, **asked)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 from events.schema.flight_pb2 import BaselineCarried
 from projections import status as fold
-from projections.picture import POI_STATES, RESULTS, Picture, Question, Status
+from projections.picture import POI_STATES, RESULTS, GimbalPicture, Picture, Question, Status
 from statecharts import State, carry_over
 from tests.flights import (
     Flight,
@@ -26,6 +26,7 @@ from tests.flights import (
     story,
 )
 from tests.random_flights import Draw, draws, fly
+from tests.stories import Story
 
 
 def folded(flight: Flight) -> Status:
@@ -189,3 +190,45 @@ def test_a_hold_that_is_given_back_is_shown_with_what_is_left_of_it() -> None:
         shown = fold.apply(shown, record)
     camera, held = shown.picture.cameras["1/1"], flight.state.cameras["1/1"]
     assert (camera.command_id, camera.held_until_ns) == ("a", held.until_ns) == ("a", 60_000_000_000)
+
+
+def shown_after(story: Story, *lines: str) -> GimbalPicture:
+    """Return what is shown of the gimbal after a second for each line."""
+    for line in lines:
+        story.flight.wait(1_000)
+        story.tell(line)
+    return folded(story.flight).picture.gimbals["1/1"]
+
+
+def test_drift_and_who_has_the_gimbal_are_shown() -> None:
+    """With the reason; the time stays that of the first arrival; letting go shows none of it."""
+    story = Story(drift_cdeg=200, drift_settle_ms=500)
+    shown = shown_after(story, "control 0/0", "order a turn", "gimbal a error=40")
+    assert (shown.aim, shown.arrived_after_ns, shown.order, shown.control) == (
+        "arrived",
+        1_000_000_000,
+        "alpha/a",
+        "nobody",
+    )
+    shown = shown_after(story, "control 255/190", "gimbal a demanded error=900", "time")
+    assert (shown.aim, shown.aim_because, shown.control) == ("drifted", "255/190 took it", "255/190")
+    assert (shown.arrived_after_ns, shown.demanded) == (1_000_000_000, True)
+    shown = shown_after(story, "gimbal a error=40", "control 1/191 ours")
+    assert (shown.aim, shown.aim_because, shown.control, shown.demanded) == ("arrived", "", "this node", False)
+    assert shown.arrived_after_ns == 1_000_000_000
+    shown = shown_after(story, "order b release")
+    assert (shown.aim, shown.asked, shown.order, shown.control) == ("idle", "", "", "this node")
+    assert (shown.effect_seq, shown.error_cdeg, shown.arrived_after_ns) == (-1, None, None)
+    shown = shown_after(story, "order c point")
+    assert shown.asked == "52.1000090 4.3000147, 0.0 m AMSL (31UFT5000150001), WGS84"
+
+
+def test_what_an_operator_should_know_beforehand_is_shown() -> None:
+    """That the vehicle would turn, and how far a camera is zoomed in, also after its master changed."""
+    story = Story()
+    assert shown_after(story, "described turns").caution.startswith("no gimbal that pans")
+    assert shown_after(story, "described pans pitch=-9000,0").caution == ""
+    shown_after(story, "zoomed 4000", "order a point")
+    status = folded(story.flight)
+    assert status.picture.cameras["1/1"].zoom_e4 == 4_000
+    assert fold.plain(status)["gimbals"]["1/1"]["caution"] == ""

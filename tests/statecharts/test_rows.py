@@ -110,7 +110,7 @@ def test_every_observation_and_decision_has_a_reader() -> None:
     silent = {kind.name for kind in KINDS if kind.role is not Role.EFFECT} - heard
     for_people = {"eyes_changed", "inputs_dropped", "position_reported", "samples_rejected"}
     for_people |= {"log_recovered", "log_damaged", "disk_full", "flight_deleted", "log_key_certified", "seal_refused"}
-    for_people |= {"checkpoint_cosigned", "trust_alarm"}
+    for_people |= {"checkpoint_cosigned", "trust_alarm", "camera_zoomed"}
     check_equal(silent, for_people)
 
 
@@ -118,6 +118,6 @@ def test_the_order_of_the_charts() -> None:
     """Safety first, and in safe mode only what keeps the vehicle and its answers in order."""
     check_equal(
         [part.chart.name for part in PARTS],
-        ["health", "command", "selftest", "camera", "map", "poi", "scan", "mission", "aim"],
+        ["health", "command", "selftest", "camera", "map", "poi", "scan", "mission", "control", "aim"],
     )
     check_equal([part.chart.name for part in PARTS if part.safety], ["health", "command", "camera", "aim"])

@@ -69,6 +69,7 @@ class Eyes:
         self.ended = asyncio.Event()
         self.refusal: str | None = None
         self.rejected: Counter[str] = Counter()
+        self.detector_us: int | None = None  # how long the detector took for the newest frame; None before it told
         self._settings = settings
         self._offer, self._clock, self._room, self._sleep = offer, clock, room, sleep
         self._camera, self._vehicle = camera, vehicle
@@ -165,6 +166,7 @@ class Eyes:
         """Offer one frame, and before the first one that the eyes are running."""
         if self._running_since_ns is None:
             self._running_since_ns = self._clock.mono_ns()
+        self.detector_us = batch.latency_us if batch.HasField("latency_us") else self.detector_us
         await self._tell("running", "", batch.model)
         captured_ns = batch.captured_ns or self._clock.mono_ns()
         observed = self._places.observed(batch, self._vehicle, captured_ns)

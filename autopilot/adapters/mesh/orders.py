@@ -29,18 +29,21 @@ from events.schema.orders_pb2 import (
     PointAtPlaceOrder,
     ReleaseCameraOrder,
     SetFlightModeOrder,
+    ZoomCameraOrder,
 )
 from events.schema.waypoint_pb2 import DeviceCommand
 
 PITCH_CDEG_MAX = 9_000
 YAW_CDEG_MAX = 35_999
+ZOOM_E4_MAX = 10_000
 
-Ordered = PointAtPlaceOrder | PointAtAnglesOrder | ReleaseCameraOrder | JudgePoiOrder | FlightOrdered
+Ordered = PointAtPlaceOrder | PointAtAnglesOrder | ReleaseCameraOrder | JudgePoiOrder | ZoomCameraOrder | FlightOrdered
 # The arm of OrderReceived that holds it.
 ARMS: dict[type[Ordered], str] = {
     PointAtPlaceOrder: "point_at_place",
     PointAtAnglesOrder: "point_at_angles",
     ReleaseCameraOrder: "release_camera",
+    ZoomCameraOrder: "zoom_camera",
     JudgePoiOrder: "judge_poi",
     FlyToPlaceOrder: "fly_to_place",
     SetFlightModeOrder: "set_flight_mode",
@@ -124,6 +127,8 @@ def _ordered(command: DeviceCommand, locate: Locate) -> Ordered | None:
             return _at_angles(command)
         case "camera_release":
             return ReleaseCameraOrder(camera=command.camera_release.camera or 1)
+        case "camera_zoom":
+            return _zoom(command)
         case "poi_confirm":
             require_uuid("poi_confirm.poi_id", command.poi_confirm.poi_id)
             return JudgePoiOrder(poi_id=command.poi_confirm.poi_id, confirmed=True)
@@ -149,6 +154,12 @@ def _at_angles(command: DeviceCommand) -> PointAtAnglesOrder:
         yaw_cdeg=angles.yaw_cdeg,
         yaw_locked=angles.yaw_locked,
     )
+
+
+def _zoom(command: DeviceCommand) -> ZoomCameraOrder:
+    zoom = command.camera_zoom
+    require_range("camera_zoom.zoom_e4", zoom.zoom_e4, 0, ZOOM_E4_MAX)
+    return ZoomCameraOrder(camera=zoom.camera or 1, zoom_e4=zoom.zoom_e4)
 
 
 def issuer_of(message: Sealed) -> Issuer:

@@ -37,6 +37,7 @@ class Order:
     command: int  # MAV_CMD that carries it
     gimbal: int
     deadline_ns: int  # monotonic; nothing is sent from here on
+    target: Sender | None = None  # who is to take it; None: the autopilot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,11 +140,11 @@ class Exchange:
                 self._drop(order, "expired before sending")
             elif self._target is None:
                 self._drop(order, "no vehicle")
-            elif (self._target, order.command) not in self._flying:
+            elif ((target := order.target or self._target), order.command) not in self._flying:
                 self._waiting.remove(order)
-                flight = _Flight(order=order, target=self._target, due_ns=now_ns + self._timeout_ns)
-                self._flying[self._target, order.command] = flight
-                self._out.append(Send(order=order, target=self._target, confirmation=0))
+                flight = _Flight(order=order, target=target, due_ns=now_ns + self._timeout_ns)
+                self._flying[target, order.command] = flight
+                self._out.append(Send(order=order, target=target, confirmation=0))
 
     def _drop(self, order: Order, because: str) -> None:
         self._waiting.remove(order)

@@ -8,8 +8,9 @@ uploads a mission, moves a servo or drops anything.
 A place goes as COMMAND_INT in MAV_FRAME_GLOBAL with the altitude above mean sea level: the only
 form that ArduPilot and PX4 read alike, and 1e-7 degrees survive in it. Latitude and longitude of
 zero are refused, for there autopilots read "cancel". Angles go as COMMAND_LONG in degrees with
-rates unset (MAVLink guide, Gimbal Protocol v2). Seed 000 asks for COMMAND_LONG also for places;
-float32 degrees are off by up to 1.7 m.
+both angles set and both rates unset (MAVLink guide, Gimbal Protocol v2): ArduPilot fails a pitch
+whose yaw is unset and lets angles win over rates, PX4 passes rates on unconverted. Seed 000 asks
+for COMMAND_LONG also for places; float32 degrees are off by up to 1.7 m.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from pymavlink.dialects.v20 import common as dialect
 
 from autopilot.adapters.vehicle.heard import Sender
 from autopilot.adapters.vehicle.pointing import wrapped
-from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing
+from events.schema.vehicle_pb2 import GiveUpGimbal, PointAtAngles, PointAtPlace, ReleasePointing, SetZoom, TakeGimbal
 
 HEARTBEAT, COMMAND_INT, COMMAND_LONG, TIMESYNC = 0, 75, 76, 111
-SET_ROI_LOCATION, SET_ROI_NONE, GIMBAL_PITCHYAW = 195, 197, 1000
+SET_ROI_LOCATION, SET_ROI_NONE, SET_CAMERA_ZOOM, GIMBAL_PITCHYAW, GIMBAL_CONFIGURE = 195, 197, 531, 1000, 1001
 SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 
 # Message and, where it carries one, command.
@@ -37,13 +38,16 @@ SENDABLE: frozenset[tuple[int, int | None]] = frozenset(
         (COMMAND_INT, SET_ROI_LOCATION),
         (COMMAND_LONG, SET_ROI_NONE),
         (COMMAND_LONG, GIMBAL_PITCHYAW),
+        (COMMAND_LONG, GIMBAL_CONFIGURE),
+        (COMMAND_LONG, SET_CAMERA_ZOOM),
         (COMMAND_LONG, SET_MESSAGE_INTERVAL),
         (COMMAND_LONG, REQUEST_MESSAGE),
     }
 )
 
 SYSTEM_TIME, AUTOPILOT_VERSION = 2, 148
-GPS_RAW, ATTITUDE, GLOBAL_POSITION, GIMBAL_INFORMATION, GIMBAL_ATTITUDE = 24, 30, 33, 280, 285
+GPS_RAW, ATTITUDE, GLOBAL_POSITION, GIMBAL_INFORMATION, GIMBAL_STATUS, GIMBAL_ATTITUDE = 24, 30, 33, 280, 281, 285
+CAMERA_INFORMATION, CAMERA_SETTINGS = 259, 260
 
 # Streams that may be asked for, with their period in microseconds.
 STREAMS_US: dict[int, int] = {
@@ -51,14 +55,21 @@ STREAMS_US: dict[int, int] = {
     ATTITUDE: 100_000,
     GIMBAL_ATTITUDE: 100_000,
     GPS_RAW: 1_000_000,
+    GIMBAL_STATUS: 500_000,
     SYSTEM_TIME: 5_000_000,
 }
+# Messages that may be asked for one by one, of whichever component has them.
+REQUESTABLE = (CAMERA_INFORMATION, CAMERA_SETTINGS, GIMBAL_INFORMATION)
 
 ALTITUDE_M = (-500.0, 20_000.0)  # from below the Dead Sea to above any drone
 ONBOARD_CONTROLLER, NO_AUTOPILOT = 18, 8  # MAV_TYPE, MAV_AUTOPILOT: never a ground station
 ROLL_LOCK, PITCH_LOCK, YAW_LOCK = 4, 8, 16  # GIMBAL_MANAGER_FLAGS
 FRAME_GLOBAL = 0
 EVERY_GIMBAL = 0
+EVERY_COMPONENT = 0
+LEAVE, MYSELF, MY_OWN = -1, -2, -3  # MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: as it is, the sender, what the sender has
+ZOOM_RANGE = 2  # CAMERA_ZOOM_TYPE: percent of the whole range
+ZOOM_E4_MAX = 10_000
 UNSET = math.nan
 _ANYBODY = Sender(system=0, component=0)
 
@@ -66,6 +77,9 @@ COMMAND_OF: dict[type[Message], int] = {
     PointAtPlace: SET_ROI_LOCATION,
     PointAtAngles: GIMBAL_PITCHYAW,
     ReleasePointing: SET_ROI_NONE,
+    TakeGimbal: GIMBAL_CONFIGURE,
+    GiveUpGimbal: GIMBAL_CONFIGURE,
+    SetZoom: SET_CAMERA_ZOOM,
 }
 
 
@@ -104,9 +118,12 @@ class Egress:
         """Return the request for one of `STREAMS_US`; raises KeyError for another."""
         return self._pack(system, _long(target, SET_MESSAGE_INTERVAL, 0, message_id, STREAMS_US[message_id]))
 
-    def ask_gimbal_information(self, system: int, target: Sender) -> bytes:
-        """Return the request for GIMBAL_MANAGER_INFORMATION."""
-        return self._pack(system, _long(target, REQUEST_MESSAGE, 0, GIMBAL_INFORMATION))
+    def ask_message(self, system: int, message_id: int) -> bytes:
+        """Return the request for one of `REQUESTABLE`, of every component of the vehicle; raises NotEncodable."""
+        if message_id not in REQUESTABLE:
+            raise NotEncodable(f"message {message_id} is not asked for")
+        target = Sender(system=system, component=EVERY_COMPONENT)
+        return self._pack(system, _long(target, REQUEST_MESSAGE, 0, message_id))
 
     def ask_version(self, system: int, target: Sender) -> bytes:
         """Return the request for AUTOPILOT_VERSION."""
@@ -117,7 +134,7 @@ class Egress:
         return self._pack(system, _AddressedTimesync(tc1_ns, ts1_ns, target))
 
     def effect(self, system: int, target: Sender, effect: Message, confirmation: int) -> bytes:
-        """Return the command for a pointing effect; raises NotEncodable.
+        """Return the command for an effect; raises NotEncodable.
 
         `confirmation` counts the re-sends; only COMMAND_LONG can carry it (MAVLink guide, Command Protocol).
         """
@@ -197,6 +214,26 @@ def _release(target: Sender, effect: Any, confirmation: int) -> Any:
     return _long(target, SET_ROI_NONE, confirmation)
 
 
+def _take(target: Sender, effect: Any, confirmation: int) -> Any:
+    """As "the sender", not by numbers: what the vehicle takes for our id is what counts."""
+    _one_gimbal(effect)
+    return _long(target, GIMBAL_CONFIGURE, confirmation, MYSELF, MYSELF, LEAVE, LEAVE)
+
+
+def _give_up(target: Sender, effect: Any, confirmation: int) -> Any:
+    """Only what is ours, so that it throws nobody out who has taken it meanwhile."""
+    _one_gimbal(effect)
+    return _long(target, GIMBAL_CONFIGURE, confirmation, MY_OWN, MY_OWN, LEAVE, LEAVE)
+
+
+def _zoom(target: Sender, effect: Any, confirmation: int) -> Any:
+    if effect.vehicle != 1 or effect.camera != 1:
+        raise NotEncodable(f"vehicle {effect.vehicle}, camera {effect.camera}: this link has vehicle 1, camera 1")
+    if effect.zoom_e4 > ZOOM_E4_MAX:
+        raise NotEncodable(f"zoom {effect.zoom_e4 / 100} % is more than all of it")
+    return _long(target, SET_CAMERA_ZOOM, confirmation, ZOOM_RANGE, effect.zoom_e4 / 100)
+
+
 def _long(target: Sender, command: int, confirmation: int, *parameters: float) -> Any:
     filled = (*parameters, *(0.0,) * (7 - len(parameters)))
     return dialect.MAVLink_command_long_message(target.system, target.component, command, confirmation, *filled)
@@ -206,6 +243,9 @@ _COMMANDS: dict[type[Message], Callable[[Sender, Any, int], Any]] = {
     PointAtPlace: _roi,
     PointAtAngles: _angles,
     ReleasePointing: _release,
+    TakeGimbal: _take,
+    GiveUpGimbal: _give_up,
+    SetZoom: _zoom,
 }
 
 

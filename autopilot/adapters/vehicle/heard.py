@@ -87,13 +87,13 @@ class Fix:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GimbalLimits:
-    """GIMBAL_MANAGER_INFORMATION: how far the gimbal turns, in degrees."""
+    """GIMBAL_MANAGER_INFORMATION: how far the gimbal turns, lowest and highest in degrees, None where not told."""
 
     sender: Sender
-    pitch_min_deg: float
-    pitch_max_deg: float
-    yaw_min_deg: float
-    yaw_max_deg: float
+    pitch_deg: tuple[float, float] | None  # to the horizon, up positive
+    yaw_deg: tuple[float, float] | None  # from the vehicle's nose, clockwise
+    has_yaw: bool | None  # whether it claims an axis for yaw; None where it claims no axis at all
+    turns_endlessly: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,7 +124,33 @@ class Version:
     board_version: int
 
 
-Heard = Heartbeat | Answer | Position | Attitude | GimbalAttitude | Fix | GimbalLimits | SystemTime | Timesync | Version
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GimbalStatus:
+    """GIMBAL_MANAGER_STATUS: who has primary control; 0/0 nobody."""
+
+    sender: Sender
+    primary: Sender
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraInformation:
+    """CAMERA_INFORMATION, as far as it is used."""
+
+    sender: Sender
+    zooms: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSettings:
+    """CAMERA_SETTINGS, as far as it is used."""
+
+    sender: Sender
+    zoom_percent: float | None  # of its whole range, 0 to 100; None where the camera does not know
+
+
+OfGimbal = GimbalAttitude | GimbalLimits | GimbalStatus
+OfCamera = CameraInformation | CameraSettings
+Heard = Heartbeat | Answer | Position | Attitude | Fix | OfGimbal | OfCamera | SystemTime | Timesync | Version
 
 
 @dataclass(frozen=True, slots=True)

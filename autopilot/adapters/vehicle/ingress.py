@@ -22,9 +22,12 @@ from autopilot.adapters.vehicle.frames import MAGIC, SIGNED, length_of, message_
 from autopilot.adapters.vehicle.heard import (
     Answer,
     Attitude,
+    CameraInformation,
+    CameraSettings,
     Fix,
     GimbalAttitude,
     GimbalLimits,
+    GimbalStatus,
     Heard,
     Heartbeat,
     Position,
@@ -51,6 +54,9 @@ NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
 YAW_LOCK, YAW_IN_VEHICLE, YAW_IN_EARTH = 16, 32, 64  # GIMBAL_DEVICE_FLAGS
 QUATERNION_NORM = (0.9, 1.1)
 YEARS_MS = (1_420_070_400_000, 4_102_444_800_000)  # 2015 (MAVLink 2 began to count there) to 2100
+YAW_AXIS, ENDLESS_YAW, ANY_AXIS = 256, 2048, 4 | 32 | 256  # GIMBAL_MANAGER_CAP_FLAGS
+HAS_ZOOM = 64  # CAMERA_CAP_FLAGS_HAS_BASIC_ZOOM
+PERCENT_MAX = 100
 
 
 class _Unfit(Exception):
@@ -173,7 +179,10 @@ def _attitude(message: Any, sender: Sender) -> Attitude:
 
 
 def _gimbal_attitude(message: Any, sender: Sender) -> GimbalAttitude:
-    """Frame of yaw: its flag; where neither is set YAW_LOCK tells it (MAVLink definition of message 285)."""
+    """Frame of yaw: its flag; where neither is set YAW_LOCK tells it (MAVLink definition of message 285).
+
+    ArduPilot's servo mount sets 44 or 60: yaw from the nose in both, though in the second it is locked to north.
+    """
     _finite(*message.q)
     _within(QUATERNION_NORM[0] <= math.hypot(*message.q) <= QUATERNION_NORM[1])
     pitch_deg, yaw_deg = forward_and_right(*message.q)
@@ -192,17 +201,16 @@ def _fix(message: Any, sender: Sender) -> Fix | None:
 
 
 def _gimbal_limits(message: Any, sender: Sender) -> GimbalLimits:
-    """The message has radians, the command that uses them degrees."""
-    limits = (message.pitch_min, message.pitch_max, message.yaw_min, message.yaw_max)
-    _finite(*limits)
-    _within(limits[0] <= limits[1] and limits[2] <= limits[3] and all(abs(limit) <= 2 * math.pi for limit in limits))
-    pitch_min_deg, pitch_max_deg, yaw_min_deg, yaw_max_deg = (math.degrees(limit) for limit in limits)
+    """The message has radians, the command that uses them degrees. NaN, and 0 for all four, is "not told"."""
+    pitch, yaw = (message.pitch_min, message.pitch_max), (message.yaw_min, message.yaw_max)
+    silent = not any(pitch + yaw)
+    flags = message.cap_flags
     return GimbalLimits(
         sender=sender,
-        pitch_min_deg=pitch_min_deg,
-        pitch_max_deg=pitch_max_deg,
-        yaw_min_deg=yaw_min_deg,
-        yaw_max_deg=yaw_max_deg,
+        pitch_deg=None if silent else _span(*pitch),
+        yaw_deg=None if silent else _span(*yaw),
+        has_yaw=bool(flags & YAW_AXIS) if flags & ANY_AXIS else None,
+        turns_endlessly=bool(flags & ENDLESS_YAW),
     )
 
 
@@ -231,6 +239,34 @@ def _version(message: Any, sender: Sender) -> Version:
     )
 
 
+def _span(lowest: float, highest: float) -> tuple[float, float] | None:
+    if math.isnan(lowest) or math.isnan(highest):
+        return None
+    _finite(lowest, highest)
+    _within(lowest <= highest and max(abs(lowest), abs(highest)) <= 2 * math.pi)
+    return math.degrees(lowest), math.degrees(highest)
+
+
+def _gimbal_status(message: Any, sender: Sender) -> GimbalStatus:
+    """Half an id is nobody's: who controls a gimbal has a system and a component."""
+    system, component = message.primary_control_sysid, message.primary_control_compid
+    _within((system == 0) == (component == 0))
+    return GimbalStatus(sender=sender, primary=Sender(system=system, component=component))
+
+
+def _camera_information(message: Any, sender: Sender) -> CameraInformation:
+    return CameraInformation(sender=sender, zooms=bool(message.flags & HAS_ZOOM))
+
+
+def _camera_settings(message: Any, sender: Sender) -> CameraSettings:
+    zoom = message.zoomLevel
+    if math.isnan(zoom):
+        return CameraSettings(sender=sender, zoom_percent=None)
+    _finite(zoom)
+    _within(0 <= zoom <= PERCENT_MAX)
+    return CameraSettings(sender=sender, zoom_percent=zoom)
+
+
 READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK: _answer,
@@ -242,4 +278,7 @@ READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
     dialect.MAVLINK_MSG_ID_TIMESYNC: _timesync,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _version,
+    dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: _gimbal_status,
+    dialect.MAVLINK_MSG_ID_CAMERA_INFORMATION: _camera_information,
+    dialect.MAVLINK_MSG_ID_CAMERA_SETTINGS: _camera_settings,
 }

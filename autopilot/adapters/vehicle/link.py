@@ -50,6 +50,7 @@ class VehicleLink:
         *,
         on_time: Callable[[int], None],
         arrival_tolerance_deg: float = 1.0,
+        drift_deg: float = 2.0,
     ) -> None:
         self._settings = settings
         self._offer = offer
@@ -60,6 +61,7 @@ class VehicleLink:
             on_first_fix,
             healthy,
             arrival_tolerance_deg=arrival_tolerance_deg,
+            drift_deg=drift_deg,
             peer=peer,
             on_time=on_time,
             admit=self._admit,

@@ -14,11 +14,13 @@ from dataclasses import dataclass
 from google.protobuf.message import Message
 
 from autopilot.adapters.vehicle import ingress
+from autopilot.adapters.vehicle.attached import Attached, lane_of
 from autopilot.adapters.vehicle.commands import IN_PROGRESS, Exchange, Order, Send
 from autopilot.adapters.vehicle.egress import (
     ATTITUDE,
     COMMAND_OF,
     GIMBAL_ATTITUDE,
+    GIMBAL_STATUS,
     GLOBAL_POSITION,
     GPS_RAW,
     REQUEST_MESSAGE,
@@ -31,11 +33,16 @@ from autopilot.adapters.vehicle.egress import (
 from autopilot.adapters.vehicle.heard import (
     Answer,
     Attitude,
+    CameraInformation,
+    CameraSettings,
     Fix,
     GimbalAttitude,
     GimbalLimits,
+    GimbalStatus,
     Heard,
     Heartbeat,
+    OfCamera,
+    OfGimbal,
     Position,
     Rejected,
     Sender,
@@ -61,6 +68,7 @@ _STREAM_OF: dict[type[Heard], int] = {
     GimbalAttitude: GIMBAL_ATTITUDE,
     Fix: GPS_RAW,
     SystemTime: SYSTEM_TIME,
+    GimbalStatus: GIMBAL_STATUS,
 }
 
 
@@ -95,6 +103,7 @@ class Session:
         peer: Address | None,
         on_time: Callable[[int], None],
         admit: Callable[[bytes], str] = ingress.admit_all,
+        drift_deg: float = 2.0,
     ) -> None:
         """`on_time` is told what time the vehicle says it is, in ms since 1970; `admit` judges frames (`ingress`)."""
         self._settings = settings
@@ -108,15 +117,14 @@ class Session:
         self._presence = Presence(settings)
         self._heart = Heart()
         self._streams = Streams()
-        self._gimbal_information = Stream(once=True)
         self._version = Stream(once=True)
         self._timing = Timing(settings.time_threshold_ms)
+        self._attached = Attached(settings.gimbal_measures)
         self._known: Vehicle | None = None
         self._state: VehicleStateReported | None = None
         self._fixed = False
         self._out: list[Transmit | Report] = []
-        self.telemetry = Telemetry(settings, place, arrival_tolerance_deg)
-        self.limits: GimbalLimits | None = None
+        self.telemetry = Telemetry(settings, place, arrival_tolerance_deg, drift_deg)
         self.rejected: Counter[str] = Counter()
 
     def perform(self, now_ns: int, effect_seq: int, effect: Message, deadline_ns: int) -> None:
@@ -126,9 +134,14 @@ class Session:
         except NotEncodable:
             self._exchange.refuse(effect_seq, "not encodable")
         else:
-            gimbal: int = effect.gimbal  # type: ignore[attr-defined]
-            command = COMMAND_OF[type(effect)]
-            order = Order(effect_seq=effect_seq, effect=effect, command=command, gimbal=gimbal, deadline_ns=deadline_ns)
+            order = Order(
+                effect_seq=effect_seq,
+                effect=effect,
+                command=COMMAND_OF[type(effect)],
+                gimbal=lane_of(effect),
+                deadline_ns=deadline_ns,
+                target=self._attached.target_of(effect),
+            )
             self._exchange.submit(now_ns, order)
         self._collect()
 
@@ -156,7 +169,7 @@ class Session:
         """Return when `tick` must be called next."""
         dues = [self._heart.due_ns(), self._exchange.due_ns(), self._presence.due_ns()]
         if self._known is not None:
-            dues += [self._streams.due_ns(), self._gimbal_information.due_ns()]
+            dues += [self._streams.due_ns(), self._attached.due_ns()]
             dues += [self._version.due_ns(), self._timing.due_ns()]
         return min(due for due in dues if due is not None)
 
@@ -169,6 +182,11 @@ class Session:
         """Return what is to be sent and offered, in order, and forget it."""
         out, self._out = self._out, []
         return out
+
+    @property
+    def limits(self) -> GimbalLimits | None:
+        """How far the gimbal turns, once it told."""
+        return self._attached.limits
 
     @property
     def peer(self) -> Address | None:
@@ -184,7 +202,7 @@ class Session:
         vehicle = self._presence.vehicle
         if vehicle is None or heard.sender.system != vehicle.sender.system:
             self.rejected["foreign system"] += 1
-        elif isinstance(heard, GimbalAttitude | GimbalLimits | Timesync) or heard.sender == vehicle.sender:
+        elif isinstance(heard, OfGimbal | OfCamera | Answer | Timesync) or heard.sender == vehicle.sender:
             self._from_vehicle(now_ns, heard)
         else:
             self.rejected["foreign component"] += 1
@@ -203,7 +221,9 @@ class Session:
             case Attitude():
                 self.telemetry.attitude(now_ns, heard)
             case GimbalAttitude():
-                self._report_telemetry(self.telemetry.view(now_ns, heard))
+                known = self._known
+                demanded = known is not None and self._attached.is_demand(self._state, known.sender, heard)
+                self._report_telemetry(self.telemetry.view(now_ns, heard, demanded=demanded))
             case Fix():
                 self._first_fix(heard)
             case SystemTime():
@@ -212,9 +232,12 @@ class Session:
                 self._timesync(now_ns, heard)
             case Version():
                 self._identified(now_ns, heard)
-            case GimbalLimits():
-                self.limits = heard
-                self._gimbal_information.heard(now_ns)
+            case GimbalLimits() | GimbalStatus() | CameraInformation() | CameraSettings():
+                self._report_news(self._attached.hear(now_ns, heard, self._us()))
+                self._report_news(self._attached.described(now_ns, self._state))
+
+    def _us(self) -> Sender:
+        return Sender(system=self._presence.system, component=self._settings.component_id)
 
     def _first_fix(self, fix: Position | Fix) -> None:
         if not self._fixed:
@@ -265,8 +288,7 @@ class Session:
                 self._report_telemetry(compared)
 
     def _answered(self, now_ns: int, answer: Answer) -> None:
-        us = Sender(system=self._presence.system, component=self._settings.component_id)
-        if answer.target not in (us, _NOBODY):
+        if answer.target not in (self._us(), _NOBODY):
             self.rejected["answer to another"] += 1
         elif answer.command not in _UPKEEP:
             order = self._exchange.hear(now_ns, answer)
@@ -274,6 +296,7 @@ class Session:
                 self.rejected["unmatched answer"] += 1
             elif answer.result == MAV_RESULT_ACCEPTED:
                 self.telemetry.say_again()
+                self._attached.accepted(now_ns, order.effect)
             elif answer.result != IN_PROGRESS:
                 self.telemetry.pointing.drop(order.effect_seq)
         self._collect()
@@ -290,7 +313,7 @@ class Session:
         if vehicle is None:
             self._state = None
         self._streams.reset(now_ns)
-        self._gimbal_information.reset(now_ns)
+        self._attached.reset(now_ns)
         self._version.reset(now_ns)
         self._timing.reset(now_ns)
 
@@ -303,12 +326,18 @@ class Session:
             return
         for message_id in self._streams.tick(now_ns):
             self._out.append(Transmit(vehicle.peer, self._egress.ask_stream(system, vehicle.sender, message_id)))
-        if self._gimbal_information.tick(now_ns):
-            self._out.append(Transmit(vehicle.peer, self._egress.ask_gimbal_information(system, vehicle.sender)))
         if self._version.tick(now_ns):
             self._out.append(Transmit(vehicle.peer, self._egress.ask_version(system, vehicle.sender)))
         if (ts1_ns := self._timing.ask(now_ns)) is not None:
             self._out.append(Transmit(vehicle.peer, self._egress.timesync(system, vehicle.sender, 0, ts1_ns)))
+        for message_id in self._attached.wanted(now_ns):
+            self._out.append(Transmit(vehicle.peer, self._egress.ask_message(system, message_id)))
+        self._report_news(self._attached.described(now_ns, self._state))
+
+    def _report_news(self, observation: Message | None) -> None:
+        """Report what would never be said again if it was lost."""
+        if observation is not None:
+            self._out.append(Report(InputClass.OUTCOME, observation))
 
     def _report_telemetry(self, observation: Message | None) -> None:
         if observation is not None:

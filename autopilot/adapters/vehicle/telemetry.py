@@ -8,8 +8,9 @@ accepted pointing (so that one which was there already is seen to have arrived).
 said again each `say_again_s`, and everything is said in full at the start and when the vehicle came back.
 
 What GIMBAL_DEVICE_ATTITUDE_STATUS says is a measurement only where the gimbal measures. A servo
-mount under ArduPilot reports what its servos were told, and mixes the vehicle's tilt into it;
-"arrived" then means "commanded there".
+mount under ArduPilot reports what its servos were told, and mixes the vehicle's tilt into it; such
+a report says so (`demanded`), and "arrived" then means "commanded there". That an error crossed the
+angle from which a gimbal that had arrived has drifted is news as well.
 
 State and link reports are made by `session`; nothing here sends anything.
 """
@@ -26,7 +27,7 @@ from autopilot.adapters.vehicle.pointing import Direction, angle_between, direct
 from autopilot.adapters.vehicle.poses import Poses, VehicleTime, Whereabouts
 from autopilot.ports.config import VehicleSection
 from events.schema.common_pb2 import Place
-from events.schema.vehicle_pb2 import GimbalReported, PointAtAngles, PointAtPlace, PositionReported
+from events.schema.vehicle_pb2 import GimbalReported, PointAtAngles, PointAtPlace, PositionReported, ReleasePointing
 
 MakePlace = Callable[[float, float, float], Place | None]
 _M_PER_E7 = 0.011132  # metres of a meridian in 1e-7 degrees: near enough for a deadband
@@ -41,8 +42,9 @@ class Pointing:
         self.effect: Message | None = None
 
     def ask(self, effect_seq: int, effect: Message) -> None:
-        """Measure against this effect from now on; a release asks for nothing."""
-        self.effect_seq, self.effect = effect_seq, effect
+        """Measure against this effect from now on; a release asks for nothing, what does not point changes nothing."""
+        if isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing):
+            self.effect_seq, self.effect = effect_seq, effect
 
     def drop(self, effect_seq: int) -> None:
         """The vehicle refused it: nothing is asked."""
@@ -64,15 +66,19 @@ class Pointing:
 class Telemetry:
     """Buffers for `pose_at`, and the thinned observations; one vehicle, one gimbal."""
 
-    def __init__(self, settings: VehicleSection, place: MakePlace, arrival_tolerance_deg: float) -> None:
+    def __init__(
+        self, settings: VehicleSection, place: MakePlace, arrival_tolerance_deg: float, drift_deg: float
+    ) -> None:
         self._period_ns = round(settings.position_period_s * 1e9)
         self._again_ns = round(settings.say_again_s * 1e9)
         self._settings = settings
-        self._tolerance_cdeg = round(arrival_tolerance_deg * 100)  # as the core has it: both see the same arrival
+        # As the core has them: both see the same arrival, and the same drift.
+        self._bounds_cdeg = round(arrival_tolerance_deg * 100), round(drift_deg * 100)
         self._place = place
         self._times: dict[Sender, VehicleTime] = {}
         self._position: tuple[int, Position] | None = None  # when and what was reported
-        self._reported: tuple[Direction, int, bool] | None = None  # view, effect measured against, arrived
+        # View, effect measured against, how many bounds the error is over, whether it is a demand.
+        self._reported: tuple[Direction, int, int, bool] | None = None
         self._reported_ns = 0
         self.poses = Poses()
         self.pointing = Pointing()
@@ -120,8 +126,8 @@ class Telemetry:
         """Buffer an attitude."""
         self.poses.add_attitude(self._stamp(now_ns, heard.sender, heard.boot_ms), heard)
 
-    def view(self, now_ns: int, heard: GimbalAttitude) -> GimbalReported | None:
-        """Buffer a view; return it when it is news."""
+    def view(self, now_ns: int, heard: GimbalAttitude, *, demanded: bool = False) -> GimbalReported | None:
+        """Buffer a view, which may be what was demanded of servos; return it when it is news."""
         at_ns = self._stamp(now_ns, heard.sender, heard.boot_ms)
         self.poses.add_view(at_ns, heard)
         angles, vehicle = self.poses.view_at(at_ns), self.poses.vehicle_at(at_ns)
@@ -130,17 +136,17 @@ class Telemetry:
         view = Direction(*angles)
         expected = None if vehicle is None else self.pointing.expected(vehicle)
         error_deg = None if expected is None else angle_between(view, expected)
-        return self._news(at_ns, view, None if error_deg is None else round(error_deg * 100))
+        return self._news(at_ns, view, None if error_deg is None else round(error_deg * 100), demanded)
 
-    def _news(self, at_ns: int, view: Direction, error_cdeg: int | None) -> GimbalReported | None:
+    def _news(self, at_ns: int, view: Direction, error_cdeg: int | None, demanded: bool) -> GimbalReported | None:
         effect_seq = -1 if error_cdeg is None else self.pointing.effect_seq
-        arrived = error_cdeg is not None and error_cdeg <= self._tolerance_cdeg
+        over = sum(error_cdeg is None or error_cdeg > bound_cdeg for bound_cdeg in self._bounds_cdeg)
         if self._reported is not None and at_ns < self._reported_ns + self._again_ns:
             before, *rest = self._reported
             still = angle_between(view, before) <= self._settings.gimbal_threshold_deg
-            if still and rest == [effect_seq, arrived]:
+            if still and rest == [effect_seq, over, demanded]:
                 return None
-        self._reported, self._reported_ns = (view, effect_seq, arrived), at_ns
+        self._reported, self._reported_ns = (view, effect_seq, over, demanded), at_ns
         return GimbalReported(
             vehicle=1,
             gimbal=1,
@@ -148,6 +154,7 @@ class Telemetry:
             yaw_cdeg=round(view.yaw_deg * 100) % 36_000,
             effect_seq=None if error_cdeg is None else effect_seq,
             error_cdeg=error_cdeg,
+            demanded=True if demanded else None,
         )
 
     def _stamp(self, now_ns: int, sender: Sender, boot_ms: int) -> int:

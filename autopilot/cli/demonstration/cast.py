@@ -24,6 +24,7 @@ class Cast:
     first: Identity  # an operator
     second: Identity  # another operator
     viewer: Identity  # may look, may not point
+    supervisor: Identity  # may begin a mission, and more
     forger: Identity  # calls himself what the first operator is called, with keys of another Directory
 
 
@@ -37,6 +38,7 @@ def make_cast(folder: Path) -> Cast:
     return Cast(
         first=_issue(ours, "k-1", people / "k-1", "operator", ("operator",), "K-1", now_ms),
         second=_issue(ours, "k-2", people / "k-2", "operator", ("operator",), "K-2", now_ms),
+        supervisor=_issue(ours, "s-1", people / "s-1", "operator", ("supervisor",), "S-1", now_ms),
         viewer=_issue(ours, "v-1", people / "v-1", "operator", ("viewer",), "V-1", now_ms),
         forger=_issue(theirs, "k-1", people / "forger", "operator", ("operator",), "K-1", now_ms),
     )

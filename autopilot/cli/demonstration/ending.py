@@ -10,7 +10,7 @@ from typing import Any
 
 from autopilot.cli.bar import Bar
 from autopilot.cli.export import write_whole
-from events import Record, Role, read_record
+from events import Record, read_record
 from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing
 from events.store import Reader, read_flight
 from projections.bundle import build
@@ -100,5 +100,5 @@ def _most_effects(records: list[Record]) -> int:
 
 
 def _first_pointing(records: list[Record]) -> int:
-    effects = [record.seq for record in records if record.kind.role is Role.EFFECT and record.kind.port == "vehicle"]
-    return effects[0] if effects else 0
+    effects = (record.seq for record in records if isinstance(record.message, PointAtPlace | PointAtAngles))
+    return next(effects, 0)

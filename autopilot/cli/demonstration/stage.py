@@ -40,6 +40,7 @@ reconnect_ms = 250
 
 [vehicle]
 connect = "127.0.0.1:{mavlink}"
+gimbal_measures = true
 
 [eyes]
 source = "external"
@@ -123,13 +124,20 @@ class Ports:
     mesh: int
     mavlink: int
     eyes: int
+    office: int
+    door: int
 
 
 class Stage:
     """Folder, cast and processes of one demo."""
 
-    def __init__(self, folder: Path, seconds: float, seed: int, *, hold_s: float = 8.0) -> None:
-        """Make everything that lies in files. Raises DirectoryError and OSError."""
+    def __init__(
+        self, folder: Path, seconds: float, seed: int, *, hold_s: float = 8.0, flown_by: Sequence[str] = ()
+    ) -> None:
+        """Make everything that lies in files; `flown_by` are further arguments of the aircraft's process.
+
+        Raises DirectoryError and OSError.
+        """
         self.folder = folder
         self.ports = _free_ports()
         self.endpoint = f"tcp/127.0.0.1:{self.ports.mesh}"
@@ -142,7 +150,7 @@ class Stage:
         python = sys.executable
         router = [python, "-m", "autopilot.sim.router", "--listen", self.endpoint]
         world = [python, "-m", "autopilot.sim.process", "--seed", str(seed), "--seconds", str(seconds), "--hold"]
-        world += ["--mavlink-port", str(self.ports.mavlink), "--eyes-port", str(self.ports.eyes)]
+        world += ["--mavlink-port", str(self.ports.mavlink), "--eyes-port", str(self.ports.eyes), *flown_by]
         node = [python, "-m", "autopilot.cli.main", "run", "--config", str(self.config)]
         self.router = Process("router", router, logs / "router.log", ready="ready")
         self.world = Process("aircraft", world, logs / "aircraft.log", ready="ready")
@@ -151,7 +159,7 @@ class Stage:
     def __enter__(self) -> Stage:
         """Start everything. Raises ProcessFailed."""
         try:
-            for process in (self.router, self.world, self.node):
+            for process in self.processes:
                 process.start()
         except BaseException:
             self.__exit__()
@@ -160,8 +168,13 @@ class Stage:
 
     def __exit__(self, *_error: object) -> None:
         with ExitStack() as stack:  # one that does not end must not leave the others running
-            for process in (self.router, self.world, self.node):
+            for process in self.processes:
                 stack.callback(process.stop)
+
+    @property
+    def processes(self) -> tuple[Process, ...]:
+        """All processes in the order in which they start."""
+        return self.router, self.world, self.node
 
     @property
     def flight(self) -> Path:
@@ -174,11 +187,9 @@ class Stage:
 
 def _free_ports() -> Ports:
     """Return ports that were free a moment ago. All are held together, so that they differ."""
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_STREAM) as mesh,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mavlink,
-        socket.socket(socket.AF_INET, socket.SOCK_STREAM) as eyes,
-    ):
-        for held in (mesh, mavlink, eyes):
-            held.bind(("127.0.0.1", 0))
-        return Ports(mesh.getsockname()[1], mavlink.getsockname()[1], eyes.getsockname()[1])
+    kinds = {"mavlink": socket.SOCK_DGRAM}
+    with ExitStack() as stack:
+        held = {name: socket.socket(socket.AF_INET, kinds.get(name, socket.SOCK_STREAM)) for name in Ports.__slots__}
+        for one in held.values():
+            stack.enter_context(one).bind(("127.0.0.1", 0))
+        return Ports(**{name: one.getsockname()[1] for name, one in held.items()})

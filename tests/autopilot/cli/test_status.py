@@ -25,6 +25,7 @@ from tests.flights import (
     resealed,
     story,
 )
+from tests.stories import Story
 
 
 def kept(path: Path, flight: Flight) -> Path:
@@ -88,6 +89,26 @@ def test_a_screen_after_the_flight() -> None:
         "dropped 7 frame",
         "findings 1 confirmed, 1 declined",
         "camera 1/1 automatic, eyes lost: the detector ended",
+    )
+
+
+def test_a_screen_of_a_gimbal_that_somebody_took() -> None:
+    """Who has it, since when nothing is where it was asked, and what an operator should know."""
+    told = Story(drift_cdeg=200, drift_settle_ms=500)
+    for line in ("zoomed 4000", "described turns", "control 255/190", "order a turn", "gimbal a demanded error=40"):
+        told.tell(line)
+    asked = "asked pitch -30.0, yaw 90.0 from north, told pitch -10.0, yaw 0.0"
+    check_screen(
+        told.flight,
+        f"gimbal 1/1 commanded, {asked}, 0.4 off, there after 0.0 s, controlled by 255/190",
+        "caution no gimbal that pans: a place to look at turns the vehicle itself",
+        "camera 1/1 operator ALPHA by order a, 60.0 s left, zoom 40 %",
+    )
+    told.tell("gimbal a demanded error=900")
+    told.flight.wait(500)
+    check_screen(
+        told.flight,
+        f"gimbal 1/1 drifted: 255/190 took it, {asked}, 9.0 off, there after 0.0 s, controlled by 255/190",
     )
 
 

@@ -26,6 +26,24 @@ def status(**values: Any) -> NodeStatus:
             "arrived, 0.4 deg off, after 2.1 s",
         ),
         ({"aim": "arrived"}, Pointing(state="arrived"), "arrived"),
+        (
+            {"aim": "arrived", "error_cdeg": 40, "arrived_after_ms": 2100, "aim_demanded": True},
+            Pointing(state="arrived", error_deg=0.4, after_s=2.1, demanded=True),
+            "commanded, 0.4 deg off, after 2.1 s, not measured",
+        ),
+        (
+            {"aim": "drifted", "error_cdeg": 900, "aim_because": "255/190 took it"},
+            Pointing(state="drifted", error_deg=9.0, because="255/190 took it"),
+            "drifted: 255/190 took it",
+        ),
+        ({"aim": "drifted", "error_cdeg": 320}, Pointing(state="drifted", error_deg=3.2), "drifted, 3.2 deg off"),
+        (
+            {"aim": "missed", "aim_because": "not there in time: 9/1 controls it"},
+            Pointing(state="missed", because="not there in time: 9/1 controls it"),
+            "missed: not there in time: 9/1 controls it",
+        ),
+        # A zoom took the camera since, but the aim is still this order's.
+        ({"command_id": "b", "aim_command_id": "a", "aim": "arrived"}, Pointing(state="arrived"), "arrived"),
         ({"aim": "missed", "error_cdeg": 1200}, Pointing(state="missed", error_deg=12.0), "missed, 12.0 deg off"),
         ({"aim": "idle"}, Pointing(), "waiting"),
         ({"command_id": "b", "callsign": "BRAVO"}, Pointing(state="taken", by="BRAVO"), "taken by BRAVO"),

@@ -25,6 +25,7 @@ from events.schema.waypoint_pb2 import (
     CameraPitchYaw,
     CameraRelease,
     CameraRoi,
+    CameraZoom,
     CommandAck,
     DeviceCommand,
     NodeStatus,
@@ -128,6 +129,9 @@ def test_angles_a_release_and_judgements_are_decoded() -> None:
     order = check_received(command(camera_pitch_yaw=angles)).point_at_angles
     assert (order.pitch_cdeg, order.yaw_cdeg, order.camera, order.yaw_locked) == (-9000, 35_999, 2, True)
     assert check_received(command(camera_release=CameraRelease())).release_camera.camera == 1
+    zoom = check_received(command(camera_zoom=CameraZoom(zoom_e4=10_000, camera=2))).zoom_camera
+    assert (zoom.zoom_e4, zoom.camera) == (10_000, 2)
+    assert check_received(command(camera_zoom=CameraZoom())).zoom_camera.camera == 1
     confirmed = check_received(command(poi_confirm=PoiConfirm(poi_id=POI))).judge_poi
     declined = check_received(command(poi_decline=PoiDecline(poi_id=POI))).judge_poi
     assert (confirmed.poi_id, confirmed.confirmed) == (POI, True)
@@ -135,7 +139,7 @@ def test_angles_a_release_and_judgements_are_decoded() -> None:
 
 
 def test_an_unknown_variant_is_an_order_with_nothing_ordered() -> None:
-    order = check_received(command() + b"\xba\x01\x02\x08\x01")
+    order = check_received(command() + b"\x9a\x06\x02\x08\x01")  # field 99
     assert order.WhichOneof("order") is None
     assert check_received(command()).WhichOneof("order") is None
 
@@ -151,6 +155,7 @@ OUT_OF_RANGE: dict[str, tuple[str, bytes]] = {
     "up": ("camera_pitch_yaw.pitch_cdeg", command(camera_pitch_yaw=CameraPitchYaw(pitch_cdeg=9001))),
     "down": ("camera_pitch_yaw.pitch_cdeg", command(camera_pitch_yaw=CameraPitchYaw(pitch_cdeg=-9001))),
     "round": ("camera_pitch_yaw.yaw_cdeg", command(camera_pitch_yaw=CameraPitchYaw(yaw_cdeg=36_000))),
+    "close": ("camera_zoom.zoom_e4", command(camera_zoom=CameraZoom(zoom_e4=10_001))),
     "a finding without id": ("poi_confirm.poi_id", command(poi_confirm=PoiConfirm())),
     "a finding in capitals": ("poi_decline.poi_id", command(poi_decline=PoiDecline(poi_id=POI.upper()))),
     "no content": ("SealedBody", b""),

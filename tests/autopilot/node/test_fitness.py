@@ -42,7 +42,6 @@ WELL = Found(
     return_percent=25,
     fences=1,
     mission_items=1,
-    objects=3,
     has_mesh=True,
     operator_ms_ago=5_000,
 )

@@ -25,7 +25,17 @@ def test_what_an_address_names(text: str, where: Where) -> None:
     assert parse(text) == where
 
 
-NONE = ["14550", "host:", ":14550", "127.0.0.1:x", "127.0.0.1:99999", "127.0.0.1:-1", "127.0.0.1:²", "127.0.0.1:٣", "a/b:1"]
+NONE = [
+    "14550",
+    "host:",
+    ":14550",
+    "127.0.0.1:x",
+    "127.0.0.1:99999",
+    "127.0.0.1:-1",
+    "127.0.0.1:²",
+    "127.0.0.1:٣",
+    "a/b:1",
+]
 NONE += ["http://127.0.0.1:80", "tcp://127.0.0.1", "tcp:///dev/x:9", "serial://ttyAMA0:9600", "serial:///dev/x"]
 NONE += ["serial:///dev/x:1199", "serial:///dev/x:4000001"]
 

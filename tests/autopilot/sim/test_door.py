@@ -41,7 +41,7 @@ def told(vehicle: Vehicle, order: Any) -> dict[str, Any]:
         ({"gps_jump_m": [3, -4]}, lambda v: (v.flight.gps.jump_east_m, v.flight.gps.jump_north_m), (3, -4)),
         ({"gps_fix": 1, "satellites": 3}, lambda v: (v.flight.gps.fix, v.flight.gps.satellites), (1, 3)),
         ({"clock_jump_s": -60}, lambda v: v.clock_jump_s, -60),
-        ({"take_gimbal": [255, 190]}, lambda v: v.desk.primary, (255, 190)),
+        ({"take_gimbal": [255, 190]}, lambda v: v.gimbal.primary, (255, 190)),
         ({"point_gimbal": [-30, 40]}, lambda v: v.gimbal.aim, Angles(-30, 40, False)),
         ({"gimbal_fitted": False}, lambda v: v.gimbal_fitted, False),
         ({"wind_m_s": [5, -1]}, lambda v: (v.flight.wind.east_m_s, v.flight.wind.north_m_s), (5, -1)),

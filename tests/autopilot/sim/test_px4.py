@@ -153,7 +153,7 @@ def test_who_controls_the_gimbal() -> None:
         ((-3, -3), (0, 0)),
     ):
         assert station.long(1001, *ids) == [ACCEPTED]
-        assert desk.primary == primary
+        assert desk.gimbal.primary == primary
 
 
 def test_a_place_to_look_at_is_above_the_sea_and_from_anybody() -> None:

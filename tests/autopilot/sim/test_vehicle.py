@@ -197,7 +197,7 @@ def test_a_reboot_in_flight(name: PersonalityName) -> None:
     assert station.of("HEARTBEAT")[-1].base_mode & 128
     assert station.of("HEARTBEAT")[-1].custom_mode == station.vehicle.personality.modes[Doing.MANUAL]
     assert station.of("GIMBAL_DEVICE_ATTITUDE_STATUS") == []
-    assert station.vehicle.desk.primary == (0, 0)
+    assert station.vehicle.gimbal.primary == (0, 0)
     assert told(station, 2).time_boot_ms < 5_000
     assert station.vehicle.flight.body.up_m == pytest.approx(20, abs=1)
     rows = station.download()

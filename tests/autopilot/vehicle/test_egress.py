@@ -11,10 +11,10 @@ from google.protobuf.message import Message
 from pymavlink.dialects.v20 import common as dialect
 
 import autopilot.adapters.vehicle as adapter
-from autopilot.adapters.vehicle.egress import SENDABLE, STREAMS_US, Egress, NotEncodable
+from autopilot.adapters.vehicle.egress import REQUESTABLE, SENDABLE, STREAMS_US, Egress, NotEncodable
 from autopilot.adapters.vehicle.heard import Sender
-from events.schema.vehicle_pb2 import CommandSent, PointAtPlace
-from tests.autopilot.vehicle.vehicles import at_angles, at_place, decode, release
+from events.schema.vehicle_pb2 import CommandSent, GiveUpGimbal, PointAtPlace, TakeGimbal
+from tests.autopilot.vehicle.vehicles import at_angles, at_place, decode, give_up, release, take, zoom
 
 VEHICLE = Sender(system=7, component=1)
 
@@ -25,10 +25,10 @@ def everything() -> list[bytes]:
     return [
         egress.heartbeat(7),
         *(egress.ask_stream(7, VEHICLE, message_id) for message_id in STREAMS_US),
-        egress.ask_gimbal_information(7, VEHICLE),
         egress.ask_version(7, VEHICLE),
         egress.timesync(7, VEHICLE, 0, 5),
-        *(egress.effect(7, VEHICLE, effect, 0) for effect in (at_place(), at_angles(), release())),
+        *(egress.ask_message(7, message_id) for message_id in REQUESTABLE),
+        *(egress.effect(7, VEHICLE, effect, 0) for effect in (at_place(), at_angles(), release(), take(), zoom())),
     ]
 
 
@@ -38,8 +38,8 @@ def check_refused(effect: Message) -> None:
 
 
 def test_the_list_is_closed() -> None:
-    """The seven pairs, written out here again: whoever adds one changes this line and says why."""
-    commands = [(75, 195), (76, 1000), (76, 197), (76, 511), (76, 512)]
+    """The nine pairs, written out here again: whoever adds one changes this line and says why."""
+    commands = [(75, 195), (76, 1000), (76, 1001), (76, 197), (76, 511), (76, 512), (76, 531)]
     assert sorted(SENDABLE, key=str) == [(0, None), (111, None), *commands]
     assert {
         (message.get_msgId(), getattr(message, "command", None)) for message in map(decode, everything())
@@ -127,6 +127,33 @@ def test_angles_are_degrees_with_unset_rates(yaw_cdeg: int, locked: bool, yaw_de
 def test_a_release_is_roi_none() -> None:
     message = decode(Egress(191).effect(7, VEHICLE, release(), 0))
     assert (message.get_type(), message.command) == ("COMMAND_LONG", 197)
+
+
+@pytest.mark.parametrize(("effect", "who"), [(take(), -2), (give_up(), -3)])
+def test_control_is_configured_as_the_sender(effect: Message, who: int) -> None:
+    """Never by numbers, and secondary control is left as it is."""
+    message = decode(Egress(191).effect(7, VEHICLE, effect, 1))
+    assert (message.get_type(), message.command, message.confirmation) == ("COMMAND_LONG", 1001, 1)
+    assert (message.param1, message.param2, message.param3, message.param4, message.param7) == (who, who, -1, -1, 0)
+
+
+@pytest.mark.parametrize(("zoom_e4", "percent"), [(0, 0), (4_050, 40.5), (10_000, 100)])
+def test_a_zoom_is_a_percentage(zoom_e4: int, percent: float) -> None:
+    message = decode(Egress(191).effect(7, Sender(system=7, component=100), zoom(zoom_e4), 0))
+    assert (message.command, message.param1, message.param2) == (531, dialect.ZOOM_TYPE_RANGE, percent)
+    assert (message.target_system, message.target_component) == (7, 100)
+
+
+def test_what_is_asked_of_everybody() -> None:
+    message = decode(Egress(191).ask_message(7, 280))
+    assert (message.command, message.param1, message.target_system, message.target_component) == (512, 280, 7, 0)
+    with pytest.raises(NotEncodable, match="not asked for"):
+        Egress(191).ask_message(7, 33)
+
+
+@pytest.mark.parametrize("effect", [zoom(10_001), zoom(camera=2), TakeGimbal(vehicle=1, gimbal=2), GiveUpGimbal()])
+def test_what_is_not_on_this_link_is_refused(effect: Message) -> None:
+    check_refused(effect)
 
 
 def test_the_heartbeat_is_that_of_an_onboard_controller() -> None:

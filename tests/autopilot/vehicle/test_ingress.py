@@ -9,17 +9,33 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from autopilot.adapters.vehicle.heard import Attitude, Fix, GimbalAttitude, GimbalLimits, Heard, Heartbeat, Rejected
+from autopilot.adapters.vehicle.heard import (
+    Attitude,
+    CameraInformation,
+    CameraSettings,
+    Fix,
+    GimbalAttitude,
+    GimbalLimits,
+    GimbalStatus,
+    Heard,
+    Heartbeat,
+    Rejected,
+    Sender,
+)
 from autopilot.adapters.vehicle.ingress import READERS, read
 from tests.autopilot.vehicle.vehicles import (
     answer,
     attitude,
+    camera,
+    controlled,
     gimbal,
     heartbeat,
+    information,
     packed,
     position,
     quaternion,
     system_time,
+    zoomed,
 )
 
 YEARS_MS = (1_420_070_400_000, 4_102_444_799_999)  # the first and the last that are taken
@@ -74,8 +90,14 @@ def limits(*values: float) -> bytes:
         (gimbal_raw([0, 0, 0, 0]), "out of range"),
         (gimbal_raw([3, 0, 0, 0]), "out of range"),
         (gps(3, 0, 0), "no position"),
-        (limits(math.nan, 0, 0, 0), "not finite"),
+        (limits(math.inf, 0, 0, 0), "not finite"),
         (limits(1, -1, 0, 0), "out of range"),
+        (limits(0, 1, 0, 7), "out of range"),
+        (controlled(255, 0), "out of range"),
+        (controlled(0, 190), "out of range"),
+        (zoomed(100.1), "out of range"),
+        (zoomed(-0.1), "out of range"),
+        (zoomed(math.inf), "not finite"),
     ],
 )
 def test_bad_input_has_a_name(datagram: bytes, because: str) -> None:
@@ -137,11 +159,44 @@ def test_values() -> None:
     assert [one(system_time(at_ms)).wall_ms for at_ms in YEARS_MS] == list(YEARS_MS)  # type: ignore[union-attr]
     heard = one(limits(-math.pi / 2, 0.1, -math.pi, math.pi))
     assert isinstance(heard, GimbalLimits)
-    assert heard.pitch_min_deg == pytest.approx(-90)
+    assert heard.pitch_deg == pytest.approx((-90, math.degrees(0.1)))
+    assert heard.yaw_deg == pytest.approx((-180, 180))
 
 
 @pytest.mark.parametrize(
-    ("flags", "from_north"), [(32, False), (32 | 16, False), (64, True), (64 | 16, True), (16, True), (0, False)]
+    ("datagram", "pitch_told", "yaw_told", "has_yaw", "endless"),
+    [
+        (limits(math.nan, 0, -1, 1), False, True, None, False),
+        (limits(-1, 1, 0, math.nan), True, False, None, False),
+        (limits(0, 0, 0, 0), False, False, None, False),
+        (limits(-1, 0, 0, 0), True, True, None, False),
+        (information(flags=256 | 2048), True, True, True, True),
+        (information(flags=32), True, True, False, False),
+        (information(flags=1), True, True, None, False),
+    ],
+)
+def test_what_a_gimbal_does_not_tell(
+    datagram: bytes, pitch_told: bool, yaw_told: bool, has_yaw: bool | None, endless: bool
+) -> None:
+    heard = one(datagram)
+    assert isinstance(heard, GimbalLimits)
+    assert (heard.pitch_deg is not None, heard.yaw_deg is not None) == (pitch_told, yaw_told)
+    assert (heard.has_yaw, heard.turns_endlessly) == (has_yaw, endless)
+
+
+def test_control_and_cameras() -> None:
+    heard = one(controlled(255, 190))
+    assert isinstance(heard, GimbalStatus)
+    assert heard.primary == Sender(system=255, component=190)
+    cameras = [one(camera(flags)) for flags in (64, 63, 0xFFFF)]
+    assert [heard.zooms for heard in cameras if isinstance(heard, CameraInformation)] == [True, False, True]
+    told = [one(zoomed(value)) for value in (0, 100, math.nan)]
+    assert [heard.zoom_percent for heard in told if isinstance(heard, CameraSettings)] == [0, 100, None]
+
+
+@pytest.mark.parametrize(
+    ("flags", "from_north"),
+    [(44, False), (60, False), (32, False), (64, True), (80, True), (16, True), (0, False)],
 )
 def test_the_frame_of_yaw(flags: int, from_north: bool) -> None:
     heard = one(gimbal_raw(quaternion(-30, 40), flags))

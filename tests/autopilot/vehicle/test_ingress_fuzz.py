@@ -36,7 +36,7 @@ def payload_of(message_id: int, chance: random.Random) -> bytes:
     cut = chance.random()
     if cut < 0.1:
         return payload[: chance.randint(0, len(payload))]
-    return payload + chance.randbytes(chance.randint(1, 20)) if cut < 0.2 else payload
+    return (payload + chance.randbytes(chance.randint(1, 20)))[:255] if cut < 0.2 else payload
 
 
 def _value(letter: str, chance: random.Random) -> bytes:

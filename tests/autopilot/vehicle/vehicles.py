@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as dialect
 from autopilot.adapters.vehicle.session import Report, Session, Transmit
 from autopilot.ports.config import VehicleSection
 from events.schema.common_pb2 import Place
-from events.schema.vehicle_pb2 import PointAtAngles, PointAtPlace, ReleasePointing
+from events.schema.vehicle_pb2 import GiveUpGimbal, PointAtAngles, PointAtPlace, ReleasePointing, SetZoom, TakeGimbal
 
 PEER = ("127.0.0.1", 14550)
 S = 1_000_000_000
@@ -109,6 +109,47 @@ def at_angles(pitch_cdeg: int = -3_000, yaw_cdeg: int = 9_000, *, yaw_locked: bo
 
 def release() -> ReleasePointing:
     return ReleasePointing(vehicle=1, camera=1, gimbal=1, life_ms=5_000)
+
+
+def take() -> TakeGimbal:
+    return TakeGimbal(vehicle=1, gimbal=1, life_ms=5_000)
+
+
+def give_up() -> GiveUpGimbal:
+    return GiveUpGimbal(vehicle=1, gimbal=1, life_ms=5_000)
+
+
+def zoom(zoom_e4: int = 4_000, camera: int = 1) -> SetZoom:
+    return SetZoom(vehicle=1, camera=camera, zoom_e4=zoom_e4, life_ms=5_000)
+
+
+def information(
+    pitch_deg: tuple[float, float] = (-90, 20),
+    yaw_deg: tuple[float, float] = (-180, 180),
+    flags: int = 0,
+    component: int = 1,
+) -> bytes:
+    """Return a gimbal manager's GIMBAL_MANAGER_INFORMATION."""
+    limits = [math.radians(limit) for limit in (*pitch_deg, *yaw_deg)]
+    message = dialect.MAVLink_gimbal_manager_information_message(1, flags, 1, 0, 0, *limits)
+    return packed(message, component=component)
+
+
+def controlled(system: int, by: int, component: int = 1) -> bytes:
+    """Return a gimbal manager's GIMBAL_MANAGER_STATUS with this primary control."""
+    return packed(dialect.MAVLink_gimbal_manager_status_message(1, 12, 1, system, by, 0, 0), component=component)
+
+
+def camera(flags: int = 64, component: int = 100) -> bytes:
+    """Return a camera's CAMERA_INFORMATION."""
+    name = b"camera".ljust(32, b"\0")
+    message = dialect.MAVLink_camera_information_message(1, name, name, 0, 0, 0, 0, 0, 0, 0, flags, 0, b"")
+    return packed(message, component=component)
+
+
+def zoomed(percent: float, component: int = 100) -> bytes:
+    """Return a camera's CAMERA_SETTINGS."""
+    return packed(dialect.MAVLink_camera_settings_message(1, 0, percent, math.nan), component=component)
 
 
 def plain_place(latitude_deg: float, longitude_deg: float, altitude_m: float) -> Place:

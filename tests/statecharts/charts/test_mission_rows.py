@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from statecharts.charts.mission import CHART, Facts
+from statecharts.table import Answer
 from tests import flying
 from tests.checks import check_equal, check_exactly_one_row
 
@@ -25,6 +26,7 @@ def test_every_step_that_asks_something_of_the_vehicle(step: str) -> None:
     """Tried again, then paused; stopped by an operator and by a failsafe; aborted as its motors ask for."""
     for trigger in ("refused", "time_passed"):
         check_row(step, trigger, step)
+        check_equal(CHART.ask(step, trigger, Facts()).answer, Answer.MOVE)
         check_row(step, trigger, "paused", last_try=True)
     check_row(step, "pause", "paused")
     check_row(step, "abort", "aborted")

@@ -1,0 +1,83 @@
+"""The stage of the demo's second act: as the first, with a mission office, and an aircraft that flies what it is told.
+
+The mission lies around the simulated home: a waypoint, a region to search with a hole in it, and the way back.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import uuid
+from pathlib import Path
+from typing import Any
+
+from autopilot.cli.demonstration.stage import Process, Stage
+from autopilot.geo.frame import offset
+from autopilot.sim.aircraft import HOME
+
+SPEED_UP = 3.0
+HEIGHT_M = 30.0
+MISSION = uuid.uuid5(uuid.NAMESPACE_URL, "autopilot demo mission")
+REGION_M = ((20.0, 20.0), (110.0, 20.0), (110.0, 90.0), (20.0, 90.0))  # east, north of home
+INCLUSION_M = ((-40.0, -40.0), (150.0, -40.0), (150.0, 130.0), (-40.0, 130.0))
+EXCLUSION_M = ((58.0, 48.0), (70.0, 48.0), (70.0, 60.0), (58.0, 60.0))
+
+_CONFIG = """
+[flight]
+enabled = true
+
+[mission]
+enabled = true
+url = "http://127.0.0.1:{office}"
+mission_id = "{mission}"
+step_s = 10
+retry_first_s = 0.5
+"""
+
+
+class MissionStage(Stage):
+    """Folder, cast and processes of the second act."""
+
+    def __init__(self, folder: Path, seed: int, *, personality: str = "ardupilot", frame: str = "copter") -> None:
+        """Make everything that lies in files. Raises DirectoryError and OSError."""
+        flown_by = ["--pilot", "node", "--personality", personality, "--frame", frame, "--speed-up", f"{SPEED_UP:g}"]
+        super().__init__(folder, 60, seed, flown_by=flown_by)
+        self.mission = folder / "mission.json"
+        self.mission.write_text(json.dumps(mission(), indent=1))
+        text = self.config.read_text()
+        text = text.replace("[command]\n", '[command]\nflight_roles = ["supervisor"]\n')
+        self.config.write_text(text + _CONFIG.format(office=self.ports.office, mission=MISSION))
+        office = [sys.executable, "-m", "autopilot.sim.office", "--port", str(self.ports.office), str(self.mission)]
+        self.office = Process("mission office", office, folder / "logs" / "office.log", ready="ready")
+
+    @property
+    def processes(self) -> tuple[Process, ...]:
+        """All processes in the order in which they start."""
+        return self.router, self.world, self.office, self.node
+
+
+def mission() -> dict[str, Any]:
+    """Return the mission as the office hands it out."""
+    items: list[dict[str, Any]] = [
+        {"kind": "waypoint", "at": _at(10, 10), "cruise_speed_mps": 8},
+        {"kind": "region_search", "region": [_at(*corner) for corner in REGION_M]},
+        {"kind": "return"},
+    ]
+    named = [{"id": str(uuid.uuid5(MISSION, str(number))), **item} for number, item in enumerate(items)]
+    fences = [("INCLUSION", INCLUSION_M), ("EXCLUSION", EXCLUSION_M)]
+    return {
+        "schema_version": "1.0.0",
+        "mission_id": str(MISSION),
+        "items": named,
+        "geofences": [{"kind": kind, "vertices": [_place(*one) for one in corners]} for kind, corners in fences],
+        "return_point": _at(0, 0),
+    }
+
+
+def _place(east_m: float, north_m: float) -> dict[str, float]:
+    latitude, longitude = offset(HOME[0], HOME[1], east_m, north_m)
+    return {"latitude": round(latitude, 7), "longitude": round(longitude, 7)}
+
+
+def _at(east_m: float, north_m: float) -> dict[str, float]:
+    return _place(east_m, north_m) | {"altitude_m": HEIGHT_M}
