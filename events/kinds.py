@@ -18,6 +18,7 @@ from events.schema import (
     eyes_pb2,
     findings_pb2,
     flight_pb2,
+    link_pb2,
     mission_pb2,
     options_pb2,
     orders_pb2,
@@ -36,6 +37,7 @@ FAMILIES: tuple[ModuleType, ...] = (
     trust_pb2,
     mission_pb2,
     safety_pb2,
+    link_pb2,
 )
 
 

@@ -22,6 +22,7 @@ from events.schema.findings_pb2 import (
     SightingsClassified,
 )
 from events.schema.flight_pb2 import CLOCK_BOUNDED, CLOCK_TRUSTED, CLOCK_UNSET
+from events.schema.link_pb2 import RawSegmentClosed, VehicleIdentified, VehicleTimeCompared
 from events.schema.orders_pb2 import AckPublished, OrderMalformed, OrderReceived, SendAck
 from events.schema.trust_pb2 import TimeLearned, TrustAlarm
 from events.schema.vehicle_pb2 import (
@@ -296,9 +297,29 @@ def _alarm(one: TrustAlarm) -> str:
 
 def _time(one: TimeLearned) -> str:
     before, after = (_QUALITY[quality] for quality in (one.from_quality, one.to_quality))
-    return f"time is {after}, was {before}, by {one.source}; floor {one.floor_ms}"
+    said = f"time is {after}, was {before}, by {one.source}; floor {one.floor_ms}"
+    return f"{said}; {one.source} was off by {one.jump_ms} ms and is not followed" if one.jump_ms else said
 
 
+def _identified(one: VehicleIdentified) -> str:
+    major, minor, patch, _ = one.software_version.to_bytes(4, "big")
+    maker = _AUTOPILOTS.get(one.autopilot, f"autopilot {one.autopilot}")
+    return (
+        f"vehicle {one.vehicle} is {maker} {major}.{minor}.{patch}, type {one.vehicle_type}, can {one.capabilities:#x}"
+    )
+
+
+def _compared(one: VehicleTimeCompared) -> str:
+    surely = f"+-{one.round_trip_us // 2} us, spread {one.spread_us} us"
+    return f"vehicle {one.vehicle}'s clock less ours: {one.offset_us} us {surely}"
+
+
+def _segment(one: RawSegmentClosed) -> str:
+    found = ", left open by an earlier start" if one.found else ""
+    return f"raw file {one.name}: {one.frames} frames, SHA-256 {one.sha256.hex()[:16]}{found}"
+
+
+_AUTOPILOTS = {3: "ArduPilot", 12: "PX4"}
 _QUALITY = {CLOCK_UNSET: "unset", CLOCK_BOUNDED: "bounded", CLOCK_TRUSTED: "trusted"}
 _WORDS: dict[str, Callable[[Any], str]] = {
     "flight_opened": _opened,
@@ -352,6 +373,10 @@ _WORDS: dict[str, Callable[[Any], str]] = {
     "root_taken": lambda one: f"TrustRoot {one.root_version}; lists are signed by key {one.revoke_key_id.hex()[:8]}",
     "trust_alarm": _alarm,
     "time_learned": _time,
+    "vehicle_identified": _identified,
+    "vehicle_time_compared": _compared,
+    "raw_segment_closed": _segment,
+    "raw_changed": lambda one: f"the link is{'' if one.recording else ' not'} recorded in files {one.because}".rstrip(),
     "poi_left": lambda one: f"object {one.object} has moved away from finding {one.poi_id}",
     **_FLIGHT_WORDS,
 }

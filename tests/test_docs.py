@@ -16,6 +16,7 @@ from events.schema import (
     eyes_pb2,
     findings_pb2,
     flight_pb2,
+    link_pb2,
     mission_pb2,
     options_pb2,
     orders_pb2,
@@ -29,7 +30,7 @@ from statecharts.table import Chart, Row, ignore, move, refuse
 from tests.house import REPO
 
 SCHEMAS = (
-    *(common_pb2, eyes_pb2, findings_pb2, flight_pb2, mission_pb2, options_pb2),
+    *(common_pb2, eyes_pb2, findings_pb2, flight_pb2, link_pb2, mission_pb2, options_pb2),
     *(orders_pb2, safety_pb2, state_pb2, trust_pb2, vehicle_pb2, waypoint_pb2),
 )
 BY_NUMBER = {

@@ -63,6 +63,11 @@ WHOLE_NUMBERS = {  # ids, numbers that others assign, and counts: they have no u
         "failures_to_safe_mode",
         "sightings_to_ask",
         "empty_before",
+        "samples",
+        "frames",
+        "capabilities",
+        "software_version",
+        "board_version",
     ),
     "progress",  # MAVLink's own percent, where 255 is unknown
 }

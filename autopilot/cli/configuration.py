@@ -30,7 +30,12 @@ DEFAULT_PATH = "/etc/autopilot/config.toml"
 VARIABLE = "AUTOPILOT_CONFIG"
 EX_CONFIG = 78
 
-OWN_PATHS: tuple[Key, ...] = (("node", "keys"), ("node", "flights"), ("node", "projections"))
+OWN_PATHS: tuple[Key, ...] = (
+    ("node", "keys"),
+    ("node", "flights"),
+    ("node", "projections"),
+    ("vehicle", "signing_key_file"),
+)
 INPUT_PATHS: tuple[Key, ...] = (("eyes", "path"), ("eyes", "model"), ("mission", "file"), ("mission", "token_file"))
 
 S = TypeVar("S", bound=Section)

@@ -130,7 +130,7 @@ class Daemon:
             self._clock,
             self._config.limits,
             close_after_s=self._config.flight.close_after_s,
-            on_session=lambda session: self._opened(session, asyncio_loop, ready),
+            on_session=lambda session: self._opened(session, asyncio_loop, ready, lambda: edges),
             on_records=lambda records: self._heard(book, edges, records),
             perform=lambda record: _call(asyncio_loop, lambda: edges.perform(record)),
             on_end=lambda: _call(asyncio_loop, over.set),
@@ -165,7 +165,11 @@ class Daemon:
         self._board.hear(records)
 
     def _opened(
-        self, session: Session, asyncio_loop: asyncio.AbstractEventLoop, ready: asyncio.Future[Remembered]
+        self,
+        session: Session,
+        asyncio_loop: asyncio.AbstractEventLoop,
+        ready: asyncio.Future[Remembered],
+        edges: Callable[[], Edges],
     ) -> None:
         """Follow a session that was opened. On the node's thread, which owns its state."""
         self._board.follow(session)
@@ -173,6 +177,7 @@ class Daemon:
         if session.sealing is not None and session.sealing.refusal:
             print(f"autopilot: the log is not signed any more: {session.sealing.refusal}", file=sys.stderr, flush=True)
         memory = remembered(session)
+        edges().record_in(session.flight.folder)
         _call(asyncio_loop, lambda: _settle(ready, memory))
 
     async def _serve(

@@ -20,7 +20,7 @@ from autopilot.node.attachments import Attachments
 from autopilot.node.flights import Session
 from autopilot.node.inbox import Inbox
 from autopilot.node.selftest import Selftest
-from autopilot.node.trusting import Believed, believed
+from autopilot.node.trusting import Believed, believed, ear_for_gps
 from autopilot.ports.config import Config
 from autopilot.ports.edges import Clock, CosignatureJudge, InputClass, Performer, Proving
 from autopilot.trust.book import TrustBook
@@ -56,6 +56,11 @@ class Edges:
         if self.documents is not None:
             self.documents.start()
         await self.eyes.start()
+
+    def record_in(self, flight: Path) -> None:
+        """Tell them whose folder raw data belongs into from now on. From any thread."""
+        if self.vehicle is not None:
+            self.vehicle.record_in(flight)
 
     async def stop(self) -> None:
         """Stop them: first what brings work, last what answers."""
@@ -110,6 +115,7 @@ def make_edges(
                 origin, inbox, (latitude, longitude, altitude), "first fix"
             ),
             healthy,
+            on_time=ear_for_gps(clock),
             arrival_tolerance_deg=config.limits.arrival_tolerance_deg,
             drift_deg=config.limits.drift_deg,
         )

@@ -6,12 +6,15 @@ Judging documents and time is `autopilot.trust`'s; here is only what joins it to
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from autopilot.node.flights import Session
+from autopilot.ports.edges import Clock
 from autopilot.trust.book import TrustBook
+from autopilot.trust.freshness import TrustClock
 from autopilot.trust.judging import Floors, Known
 from autopilot.trust.keys import sync_folder, write_file
 from events.records import Record
@@ -44,6 +47,11 @@ def believed(session: Session) -> Believed:
         log_lost="log_damaged" in kinds,
         log_begins="flight_opened" in kinds and session.flight.number == 1,
     )
+
+
+def ear_for_gps(clock: Clock) -> Callable[[int], None]:
+    """Return what is to be told each time that a vehicle says, ms since 1970; a clock that is right needs none."""
+    return clock.hear_gps if isinstance(clock, TrustClock) else lambda _: None
 
 
 def remembers_all(memory: Believed, keys: Path) -> bool:

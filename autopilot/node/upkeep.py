@@ -25,6 +25,8 @@ async def publish_status(settings: MeshSection, edges: Edges, board: Board) -> N
     while edges.mesh is not None:
         status = board.node_status()
         status.dropped.extend(drop_counts(edges.mesh))
+        if edges.vehicle is not None and edges.vehicle.raw_stopped:
+            status.raw_stopped = edges.vehicle.raw_stopped
         edges.mesh.publish_status(status)
         await asyncio.sleep(CHANGES_APART_S)
         await board.changed(settings.status_period_s - CHANGES_APART_S)

@@ -10,6 +10,9 @@ The floor is the latest moment that something signed has named: the build, revoc
 rises, it is kept in the log, and neither GPS nor the host's clock moves it: a spoofed GPS would otherwise expire every
 token for good (MAVLink's "store the largest timestamp" has this ratchet; ArduPilot #13860).
 
+GPS makes an unset time a bounded one, and moves that forth by up to ten minutes at once. A time of GPS that is further
+off is not followed, whatever is believed, and is told once.
+
 A beacon answers a challenge of ours: true time lies between what it says and that plus the journey. It alone steps
 time back, or by more than ten minutes. While time is not TRUSTED an order is fresh when it echoes the node's challenge,
 which is random, replaced every 30 s, and counts for 60 s by the node's own monotonic clock.
@@ -98,6 +101,8 @@ class TrustClock:
         self._by = ""  # what the working time rests on
         self._asked: Beacon | None = None
         self._beacon_ns: int | None = None
+        self._gps_is_off = False  # its last word was too far off, and that was told
+        self._gps_told_ns: int | None = None
         self._challenges = (b"", random(limits.CHALLENGE_BYTES))  # the one before, the current one
         self._turned_ns = host.mono_ns()
         self._news: list[TimeLearned] = []
@@ -149,13 +154,18 @@ class TrustClock:
     def hear_gps(self, wall_ms: int) -> None:
         """Take in a time that nobody signed (the autopilot's SYSTEM_TIME): a guess, and never more than that."""
         with self._lock:
-            if self._quality == CLOCK_TRUSTED or wall_ms < self._least_ms():
-                return
+            self._hear_host()
             ahead_ms = wall_ms - self._working_ms()
-            if self._quality == CLOCK_UNSET or 0 < ahead_ms <= limits.CLOCK_JUMP_MS:
-                self._offset_ms += ahead_ms
-                if self._quality == CLOCK_UNSET:
+            if self._quality == CLOCK_UNSET:
+                if wall_ms >= self._least_ms():
+                    self._offset_ms += ahead_ms
                     self._become(CLOCK_BOUNDED, "gps", by="gps")
+            elif abs(ahead_ms) > limits.CLOCK_JUMP_MS:
+                self._tell_gps_is_off(ahead_ms)
+            else:
+                self._gps_is_off = False
+                if self._quality == CLOCK_BOUNDED:
+                    self._offset_ms += max(0, ahead_ms)
 
     def ask(self) -> bytes | None:
         """Return the challenge of a beacon that ought to be asked for now; None while none is due.
@@ -217,8 +227,8 @@ class TrustClock:
         if not self._host_trusted:
             return
         host_ms = self._host.wall_ns() // NS_PER_MS
-        if not self._by:
-            if self._quality == CLOCK_UNSET and host_ms >= self._least_ms() - limits.SKEW_MS:
+        if self._by in ("", "gps"):  # a host that is set right later is believed then, also where GPS was there first
+            if host_ms >= self._least_ms() - limits.SKEW_MS and self._quality != CLOCK_TRUSTED:
                 self._offset_ms = max(host_ms, self._least_ms()) - self._mono_ms()
                 self._highest_offset_ms = self._offset_ms
                 self._become(CLOCK_TRUSTED, "host", by="host")
@@ -244,12 +254,22 @@ class TrustClock:
         before, self._quality, self._by = self._quality, quality, by
         self._tell(source, before)
 
-    def _tell(self, source: str, before: ClockQuality.ValueType) -> None:
+    def _tell_gps_is_off(self, jump_ms: int) -> None:
+        """Tell it once until GPS is back, and not more often than every 10 s: whoever spoofs GPS may write no log."""
+        now_ns = self._host.mono_ns()
+        quiet = self._gps_told_ns is None or now_ns - self._gps_told_ns >= limits.ASK_AGAIN_NS
+        if quiet and not self._gps_is_off:
+            self._gps_is_off, self._gps_told_ns = True, now_ns
+            self._tell("gps", self._quality, jump_ms)
+
+    def _tell(self, source: str, before: ClockQuality.ValueType, jump_ms: int = 0) -> None:
         now_ms, trusted = self._working_ms(), self._quality == CLOCK_TRUSTED
         said = TimeLearned(source=source, from_quality=before, to_quality=self._quality, floor_ms=self._floor_ms)
         said.earliest_ms = now_ms if trusted else self._least_ms()
         if trusted:
             said.latest_ms = now_ms
+        if jump_ms:
+            said.jump_ms = jump_ms
         self._told_floor_ms = self._floor_ms
         self._news = [*self._news[-7:], said]  # a clock that jumps again and again is told eight times at once at most
 

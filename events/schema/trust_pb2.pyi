@@ -165,6 +165,7 @@ class TimeLearned(_message.Message):
     EARLIEST_MS_FIELD_NUMBER: _builtins.int
     LATEST_MS_FIELD_NUMBER: _builtins.int
     FLOOR_MS_FIELD_NUMBER: _builtins.int
+    JUMP_MS_FIELD_NUMBER: _builtins.int
     source: _builtins.str
     """Where from: "host", "beacon", "gps", "document", "token"."""
     from_quality: _flight_pb2.ClockQuality.ValueType
@@ -177,6 +178,8 @@ class TimeLearned(_message.Message):
     """The present is not after this, milliseconds since 1970; absent where nothing says so."""
     floor_ms: _builtins.int
     """No later start believes a time before this: only what the Directory signed raises it, milliseconds since 1970."""
+    jump_ms: _builtins.int
+    """By how much the source was ahead of the time that the node goes by, in milliseconds, where it is not followed."""
     def __init__(
         self,
         *,
@@ -186,10 +189,11 @@ class TimeLearned(_message.Message):
         earliest_ms: _builtins.int | None = ...,
         latest_ms: _builtins.int | None = ...,
         floor_ms: _builtins.int | None = ...,
+        jump_ms: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["earliest_ms", b"earliest_ms", "floor_ms", b"floor_ms", "from_quality", b"from_quality", "latest_ms", b"latest_ms", "source", b"source", "to_quality", b"to_quality"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["earliest_ms", b"earliest_ms", "floor_ms", b"floor_ms", "from_quality", b"from_quality", "jump_ms", b"jump_ms", "latest_ms", b"latest_ms", "source", b"source", "to_quality", b"to_quality"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["earliest_ms", b"earliest_ms", "floor_ms", b"floor_ms", "from_quality", b"from_quality", "latest_ms", b"latest_ms", "source", b"source", "to_quality", b"to_quality"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["earliest_ms", b"earliest_ms", "floor_ms", b"floor_ms", "from_quality", b"from_quality", "jump_ms", b"jump_ms", "latest_ms", b"latest_ms", "source", b"source", "to_quality", b"to_quality"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

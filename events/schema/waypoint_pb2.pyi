@@ -1095,6 +1095,7 @@ class NodeStatus(_message.Message):
     LOG_KEY_FIELD_NUMBER: _builtins.int
     NOT_RECORDING_FIELD_NUMBER: _builtins.int
     DISK_SHORT_FIELD_NUMBER: _builtins.int
+    RAW_STOPPED_FIELD_NUMBER: _builtins.int
     COSIGNED_SIZE_FIELD_NUMBER: _builtins.int
     COSIGNED_BY_FIELD_NUMBER: _builtins.int
     TIME_QUALITY_FIELD_NUMBER: _builtins.int
@@ -1143,6 +1144,8 @@ class NodeStatus(_message.Message):
     """Why this node records nothing, and so takes no orders; absent while it records."""
     disk_short: _builtins.str
     """What stands in the way of more free space, in words; absent while there is enough."""
+    raw_stopped: _builtins.str
+    """Why the vehicle's link is not recorded in files, in words; absent while it is, or is not to be."""
     cosigned_size: _builtins.int
     """Records of the open flight under the newest checkpoint that a witness cosigned; absent where none did."""
     cosigned_by: _builtins.str
@@ -1218,6 +1221,7 @@ class NodeStatus(_message.Message):
         log_key: _builtins.str | None = ...,
         not_recording: _builtins.str | None = ...,
         disk_short: _builtins.str | None = ...,
+        raw_stopped: _builtins.str | None = ...,
         cosigned_size: _builtins.int | None = ...,
         cosigned_by: _builtins.str | None = ...,
         time_quality: _builtins.int | None = ...,
@@ -1233,9 +1237,9 @@ class NodeStatus(_message.Message):
         properties_broken: _abc.Iterable[_builtins.str] | None = ...,
         failsafes_enabled: _builtins.bool | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "battery_percent", b"battery_percent", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "failsafes", b"failsafes", "failsafes_enabled", b"failsafes_enabled", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "operator_link", b"operator_link", "overrides", b"overrides", "pois", b"pois", "properties_broken", b"properties_broken", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "battery_percent", b"battery_percent", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "failsafes", b"failsafes", "failsafes_enabled", b"failsafes_enabled", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "operator_link", b"operator_link", "overrides", b"overrides", "pois", b"pois", "properties_broken", b"properties_broken", "raw_stopped", b"raw_stopped", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "battery_percent", b"battery_percent", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "failsafes", b"failsafes", "failsafes_enabled", b"failsafes_enabled", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "operator_link", b"operator_link", "overrides", b"overrides", "pois", b"pois", "properties_broken", b"properties_broken", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["armed", b"armed", "at_ms", b"at_ms", "battery_percent", b"battery_percent", "camera_roles", b"camera_roles", "cameras", b"cameras", "command_enabled", b"command_enabled", "cosigned_by", b"cosigned_by", "cosigned_size", b"cosigned_size", "disk_short", b"disk_short", "dropped", b"dropped", "epoch_id", b"epoch_id", "failsafes", b"failsafes", "failsafes_enabled", b"failsafes_enabled", "flight_id", b"flight_id", "flight_roles", b"flight_roles", "head_seq", b"head_seq", "health", b"health", "height_mm", b"height_mm", "latitude_e7", b"latitude_e7", "log_checkpoint", b"log_checkpoint", "log_key", b"log_key", "longitude_e7", b"longitude_e7", "map_objects", b"map_objects", "mission", b"mission", "node_challenge", b"node_challenge", "not_recording", b"not_recording", "operator_link", b"operator_link", "overrides", b"overrides", "pois", b"pois", "properties_broken", b"properties_broken", "raw_stopped", b"raw_stopped", "revocation_stale", b"revocation_stale", "revocation_version", b"revocation_version", "time_quality", b"time_quality", "vehicle_link", b"vehicle_link"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

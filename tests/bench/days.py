@@ -114,7 +114,13 @@ class _Node:
         self._frame = LocalFrame(*HOME)
         self._settings = settings
         self._link = Session(
-            settings.vehicle, self._place, lambda *_: None, lambda: True, arrival_tolerance_deg=1.0, peer=PEER
+            settings.vehicle,
+            self._place,
+            lambda *_: None,
+            lambda: True,
+            arrival_tolerance_deg=1.0,
+            peer=PEER,
+            on_time=lambda _: None,
         )
         self._empties = Empties(settings.eyes.empty_frame_period_s)
         self._state = State()

@@ -28,6 +28,14 @@ def free_port() -> int:
         return port
 
 
+def free_datagram_port() -> int:
+    """Return a UDP port of loopback that is free now."""
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port: int = free.getsockname()[1]
+        return port
+
+
 def plain() -> str:
     """Return a free endpoint without TLS."""
     return f"tcp/127.0.0.1:{free_port()}"
@@ -49,6 +57,16 @@ def write_relay(folder: Path, tables: Mapping[str, Any]) -> Path:
     path = folder / "relay.toml"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def who_may_pass() -> dict[str, Any]:
+    """Return the configuration of a router that knows nodes, ground and Directory, and nobody else."""
+    sides = ("node", "ground", "directory")
+    return {
+        "relay": {"mode": "router"},
+        "rates": {"orders_hz": 0, "documents_hz": 0},
+        "who": {side: {"side": side, "nodes": ["*"]} for side in sides},
+    }
 
 
 class RelayProcess:

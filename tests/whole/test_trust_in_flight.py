@@ -21,7 +21,7 @@ import pytest
 
 from events import Record
 from tests.whole.daemons import WITHIN_S, ended, log, started, wait_for, write_config
-from tests.whole.relays import plain, relaying
+from tests.whole.relays import plain, relaying, who_may_pass
 
 pytestmark = pytest.mark.whole
 AUTOPILOT = [sys.executable, "-m", "autopilot.cli.main"]
@@ -65,16 +65,6 @@ class Deployment:
 def _newest(records: list[Record], kind: str, name: str) -> int:
     found: list[Any] = [record.message for record in records if record.kind.name == kind]
     return max((int(getattr(message, name)) for message in found), default=0)
-
-
-def who_may_pass() -> dict[str, Any]:
-    """Return the configuration of a router that knows nodes, ground and Directory, and nobody else."""
-    sides = ("node", "ground", "directory")
-    return {
-        "relay": {"mode": "router"},
-        "rates": {"orders_hz": 0, "documents_hz": 0},
-        "who": {side: {"side": side, "nodes": ["*"]} for side in sides},
-    }
 
 
 @pytest.fixture

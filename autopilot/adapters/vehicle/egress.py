@@ -26,7 +26,7 @@ from autopilot.adapters.vehicle.heard import Sender
 from autopilot.adapters.vehicle.pointing import wrapped
 from events.schema.vehicle_pb2 import GiveUpGimbal, PointAtAngles, PointAtPlace, ReleasePointing, SetZoom, TakeGimbal
 
-HEARTBEAT, COMMAND_INT, COMMAND_LONG = 0, 75, 76
+HEARTBEAT, COMMAND_INT, COMMAND_LONG, TIMESYNC = 0, 75, 76, 111
 SET_ROI_LOCATION, SET_ROI_NONE, SET_CAMERA_ZOOM, GIMBAL_PITCHYAW, GIMBAL_CONFIGURE = 195, 197, 531, 1000, 1001
 SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 
@@ -34,6 +34,7 @@ SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 SENDABLE: frozenset[tuple[int, int | None]] = frozenset(
     {
         (HEARTBEAT, None),
+        (TIMESYNC, None),
         (COMMAND_INT, SET_ROI_LOCATION),
         (COMMAND_LONG, SET_ROI_NONE),
         (COMMAND_LONG, GIMBAL_PITCHYAW),
@@ -44,6 +45,7 @@ SENDABLE: frozenset[tuple[int, int | None]] = frozenset(
     }
 )
 
+SYSTEM_TIME, AUTOPILOT_VERSION = 2, 148
 GPS_RAW, ATTITUDE, GLOBAL_POSITION, GIMBAL_INFORMATION, GIMBAL_STATUS, GIMBAL_ATTITUDE = 24, 30, 33, 280, 281, 285
 CAMERA_INFORMATION, CAMERA_SETTINGS = 259, 260
 
@@ -54,6 +56,7 @@ STREAMS_US: dict[int, int] = {
     GIMBAL_ATTITUDE: 100_000,
     GPS_RAW: 1_000_000,
     GIMBAL_STATUS: 500_000,
+    SYSTEM_TIME: 5_000_000,
 }
 # Messages that may be asked for one by one, of whichever component has them.
 REQUESTABLE = (CAMERA_INFORMATION, CAMERA_SETTINGS, GIMBAL_INFORMATION)
@@ -84,6 +87,19 @@ class NotEncodable(ValueError):
     """The effect must not or can not be said on this link; the text says why."""
 
 
+class _AddressedTimesync(dialect.MAVLink_timesync_message):  # type: ignore[misc]
+    """TIMESYNC with the target that the dialect does not know."""
+
+    def __init__(self, tc1_ns: int, ts1_ns: int, target: Sender) -> None:
+        super().__init__(tc1_ns, ts1_ns)
+        self._target = target
+
+    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
+        payload = self.unpacker.pack(self.tc1, self.ts1)
+        addressed = payload + bytes([self._target.system, self._target.component])
+        return bytes(self._pack(mav, self.crc_extra, addressed, force_mavlink1))
+
+
 class Egress:
     """Encodes for one link; keeps nothing but the link's running number."""
 
@@ -108,6 +124,14 @@ class Egress:
             raise NotEncodable(f"message {message_id} is not asked for")
         target = Sender(system=system, component=EVERY_COMPONENT)
         return self._pack(system, _long(target, REQUEST_MESSAGE, 0, message_id))
+
+    def ask_version(self, system: int, target: Sender) -> bytes:
+        """Return the request for AUTOPILOT_VERSION."""
+        return self._pack(system, _long(target, REQUEST_MESSAGE, 0, AUTOPILOT_VERSION))
+
+    def timesync(self, system: int, target: Sender, tc1_ns: int, ts1_ns: int) -> bytes:
+        """Return TIMESYNC for one component: a question with tc1 = 0, else the answer to its ts1."""
+        return self._pack(system, _AddressedTimesync(tc1_ns, ts1_ns, target))
 
     def effect(self, system: int, target: Sender, effect: Message, confirmation: int) -> bytes:
         """Return the command for an effect; raises NotEncodable.

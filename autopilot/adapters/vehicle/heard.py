@@ -97,6 +97,34 @@ class GimbalLimits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SystemTime:
+    """SYSTEM_TIME where the autopilot knows the time, by GPS."""
+
+    sender: Sender
+    wall_ms: int  # since 1970; nobody signed it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timesync:
+    """TIMESYNC: a question (tc1 is 0) or an answer."""
+
+    sender: Sender
+    tc1_ns: int  # time of whoever answers; 0 in a question
+    ts1_ns: int  # time of whoever asks, by a clock of its own
+    target: Sender  # whom it is for; 0/0 from peers that do not fill it in
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Version:
+    """AUTOPILOT_VERSION, as far as anybody asks."""
+
+    sender: Sender
+    capabilities: int  # MAV_PROTOCOL_CAPABILITY
+    software_version: int  # major, minor, patch, FIRMWARE_VERSION_TYPE, a byte each
+    board_version: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class GimbalStatus:
     """GIMBAL_MANAGER_STATUS: who has primary control; 0/0 nobody."""
 
@@ -122,7 +150,7 @@ class CameraSettings:
 
 OfGimbal = GimbalAttitude | GimbalLimits | GimbalStatus
 OfCamera = CameraInformation | CameraSettings
-Heard = Heartbeat | Answer | Position | Attitude | Fix | OfGimbal | OfCamera
+Heard = Heartbeat | Answer | Position | Attitude | Fix | OfGimbal | OfCamera | SystemTime | Timesync | Version
 
 
 @dataclass(frozen=True, slots=True)

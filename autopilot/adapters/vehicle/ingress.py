@@ -5,7 +5,8 @@ messages in `READERS` are decoded, each is checked for finite numbers and for it
 it becomes a value. What this does not do: decide whether the sender is the vehicle, or remember
 anything.
 
-Frame: MAVLink guide, "Packet Serialization", MAVLink 2. A signature is not checked, only skipped.
+Where a frame begins and ends is in `frames`. Whoever calls may refuse whole frames before they are
+read; the signature itself is skipped here.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as dialect
 
+from autopilot.adapters.vehicle.extensions import extension
+from autopilot.adapters.vehicle.frames import MAGIC, SIGNED, length_of, message_id
 from autopilot.adapters.vehicle.heard import (
     Answer,
     Attitude,
@@ -30,6 +33,9 @@ from autopilot.adapters.vehicle.heard import (
     Position,
     Rejected,
     Sender,
+    SystemTime,
+    Timesync,
+    Version,
 )
 from autopilot.adapters.vehicle.pointing import forward_and_right
 
@@ -37,12 +43,6 @@ from autopilot.adapters.vehicle.pointing import forward_and_right
 dialect.MAVLINK_IGNORE_CRC = 0
 
 _DECODER = dialect.MAVLink(None)  # its `decode` keeps nothing from one frame to the next
-
-MAGIC = 0xFD
-HEADER_BYTES = 10
-CHECKSUM_BYTES = 2
-SIGNATURE_BYTES = 13
-SIGNED = 0x01
 
 LATITUDE_MAX_E7 = 900_000_000
 LONGITUDE_MAX_E7 = 1_800_000_000
@@ -53,6 +53,7 @@ ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
 YAW_LOCK, YAW_IN_VEHICLE, YAW_IN_EARTH = 16, 32, 64  # GIMBAL_DEVICE_FLAGS
 QUATERNION_NORM = (0.9, 1.1)
+YEARS_MS = (1_420_070_400_000, 4_102_444_800_000)  # 2015 (MAVLink 2 began to count there) to 2100
 YAW_AXIS, ENDLESS_YAW, ANY_AXIS = 256, 2048, 4 | 32 | 256  # GIMBAL_MANAGER_CAP_FLAGS
 HAS_ZOOM = 64  # CAMERA_CAP_FLAGS_HAS_BASIC_ZOOM
 PERCENT_MAX = 100
@@ -62,37 +63,39 @@ class _Unfit(Exception):
     """Carries the name of a rejection out of a reader."""
 
 
-def read(datagram: bytes) -> Iterator[Heard | Rejected]:
-    """Yield what a datagram holds, in its order. Messages that nobody here needs are passed over in silence."""
+def admit_all(frame: bytes) -> str:
+    """Refuse nothing."""
+    del frame
+    return ""
+
+
+def read(datagram: bytes, admit: Callable[[bytes], str] = admit_all) -> Iterator[Heard | Rejected]:
+    """Yield what a datagram holds, in its order. Messages that nobody here needs are passed over in silence.
+
+    `admit` judges every whole frame before anything of it is read, and returns the name of what is wrong, or "".
+    """
     at = 0
     while at < len(datagram):
         frame = datagram[at:]
         if frame[0] != MAGIC:
             yield Rejected("garbage")
             return
-        length = _length(frame)
+        length = length_of(frame)
         if length is None or length > len(frame):
             yield Rejected("truncated")
             return
-        outcome = _message(frame[:length])
+        refusal = admit(frame[:length])
+        outcome = Rejected(refusal) if refusal else _message(frame[:length])
         if outcome is not None:
             yield outcome
         at += length
-
-
-def _length(frame: bytes) -> int | None:
-    """Return the whole frame's length in bytes, or None where the header is cut."""
-    if len(frame) < HEADER_BYTES + CHECKSUM_BYTES:
-        return None
-    signature = SIGNATURE_BYTES if frame[2] & SIGNED else 0
-    return HEADER_BYTES + frame[1] + CHECKSUM_BYTES + signature
 
 
 def _message(frame: bytes) -> Heard | Rejected | None:
     """Return what one frame says; None for a message that is of no interest."""
     if frame[2] & ~SIGNED:
         return Rejected("incompatible")
-    reader = READERS.get(int.from_bytes(frame[7:10], "little"))
+    reader = READERS.get(message_id(frame))
     if reader is None:
         return None
     try:
@@ -211,6 +214,31 @@ def _gimbal_limits(message: Any, sender: Sender) -> GimbalLimits:
     )
 
 
+def _system_time(message: Any, sender: Sender) -> SystemTime | None:
+    """Zero means that the autopilot does not know the time (MAVLink definition of message 2)."""
+    if message.time_unix_usec == 0:
+        return None
+    wall_ms = message.time_unix_usec // 1000
+    _within(YEARS_MS[0] <= wall_ms < YEARS_MS[1])
+    return SystemTime(sender=sender, wall_ms=wall_ms)
+
+
+def _timesync(message: Any, sender: Sender) -> Timesync:
+    """The dialect drops whom it is for."""
+    system, component = extension(message, 16, "BB")
+    target = Sender(system=system, component=component)
+    return Timesync(sender=sender, tc1_ns=message.tc1, ts1_ns=message.ts1, target=target)
+
+
+def _version(message: Any, sender: Sender) -> Version:
+    return Version(
+        sender=sender,
+        capabilities=message.capabilities,
+        software_version=message.flight_sw_version,
+        board_version=message.board_version,
+    )
+
+
 def _span(lowest: float, highest: float) -> tuple[float, float] | None:
     if math.isnan(lowest) or math.isnan(highest):
         return None
@@ -247,6 +275,9 @@ READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _gimbal_attitude,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _fix,
     dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: _gimbal_limits,
+    dialect.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
+    dialect.MAVLINK_MSG_ID_TIMESYNC: _timesync,
+    dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _version,
     dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: _gimbal_status,
     dialect.MAVLINK_MSG_ID_CAMERA_INFORMATION: _camera_information,
     dialect.MAVLINK_MSG_ID_CAMERA_SETTINGS: _camera_settings,

@@ -1,37 +1,42 @@
-"""UDP around a `Session`: a socket, a timer, and observations that are kept until the node takes them.
+"""A `Session` in the world: a transport, a timer, signatures, files, and observations kept until the node takes them.
 
-All protocol is in `session`; this holds the only socket of the adapter and the only clock reading.
-It decodes nothing and decides nothing. It lives on one asyncio loop.
+All protocol is in `session`; this reads the only clock of the adapter, decodes nothing and decides nothing. It lives on
+one asyncio loop. Every frame that comes passes `_admit` before anything of it is read: the signature is judged there,
+and what is admitted, and what is sent, goes to the raw files.
 """
 
 from __future__ import annotations
 
 import asyncio
-import socket
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from google.protobuf.message import Message
 
 from autopilot.adapters.vehicle.heard import GimbalLimits
 from autopilot.adapters.vehicle.presence import Address
+from autopilot.adapters.vehicle.rawlog import RawLog
 from autopilot.adapters.vehicle.session import Report, Session, Transmit
-from autopilot.adapters.vehicle.telemetry import MakePlace
+from autopilot.adapters.vehicle.signing import Signing, SigningKeyError, open_signing
+from autopilot.adapters.vehicle.transport import Transport, open_transport
 from autopilot.ports.config import VehicleSection
 from autopilot.ports.edges import Clock, InputClass, Offer, Pose
+from autopilot.trust.freshness import known_time
 from events.schema.common_pb2 import Place
 
 OFFER_AGAIN_NS = 50_000_000
+NOT_KEPT = "signing time not kept"
 
 
-class VehicleLink(asyncio.DatagramProtocol):
+class VehicleLink:
     """Performs pointing effects over MAVLink 2 and reports what the vehicle says.
 
     `place` makes a Place of latitude, longitude (degrees) and altitude (m AMSL), or returns None
     before the origin is set. `on_first_fix` is called once, on the loop, with the first 3D fix, so that
-    the node can set the origin. While `healthy` is False no heartbeat leaves. Observations about
-    effects, state and link are OUTCOME and offered until taken; position and gimbal are TELEMETRY.
-    Everything runs on the loop that `start` ran on.
+    the node can set the origin; `on_time` with each time that the vehicle tells, ms since 1970. While
+    `healthy` is False no heartbeat leaves. Observations about effects, state and link are OUTCOME and
+    offered until taken; position and gimbal are TELEMETRY. Everything runs on the loop that `start` ran on.
     """
 
     def __init__(
@@ -43,25 +48,37 @@ class VehicleLink(asyncio.DatagramProtocol):
         on_first_fix: Callable[[float, float, float], None],
         healthy: Callable[[], bool],
         *,
+        on_time: Callable[[int], None],
         arrival_tolerance_deg: float = 1.0,
         drift_deg: float = 2.0,
     ) -> None:
         self._settings = settings
         self._offer = offer
         self._clock = clock
-        self._make: Callable[[Address | None], Session] = lambda peer: _session(
-            settings, place, on_first_fix, healthy, (arrival_tolerance_deg, drift_deg), peer
+        self._make: Callable[[Address | None], Session] = lambda peer: Session(
+            settings,
+            place,
+            on_first_fix,
+            healthy,
+            arrival_tolerance_deg=arrival_tolerance_deg,
+            drift_deg=drift_deg,
+            peer=peer,
+            on_time=on_time,
+            admit=self._admit,
         )
         self._session = self._make(None)
         self._kept: deque[Message] = deque()  # outcomes that the inbox refused, oldest first
-        self._transport: asyncio.DatagramTransport | None = None
+        self._counts: Counter[str] = Counter()
+        self._raw = RawLog(settings, offer, clock, self._counts) if settings.raw else None
+        self._signing: Signing | None = None
+        self._keeping: asyncio.Task[None] | None = None
+        self._transport: Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._failures = 0
 
     @property
     def rejected(self) -> Mapping[str, int]:
-        """How often something that arrived was not taken, by reason."""
-        return self._session.rejected
+        """How often something that arrived was not taken, or something was not done, by reason."""
+        return self._session.rejected + self._counts
 
     @property
     def limits(self) -> GimbalLimits | None:
@@ -71,36 +88,43 @@ class VehicleLink(asyncio.DatagramProtocol):
     @property
     def address(self) -> Address | None:
         """Own address, once started."""
-        if self._transport is None:
-            return None
-        host, port = self._transport.get_extra_info("sockname")[:2]
-        return host, port
+        return None if self._transport is None else self._transport.own
+
+    @property
+    def raw_stopped(self) -> str:
+        """Why the link is not recorded in files; "" while it is, or is not to be."""
+        return "" if self._raw is None else self._raw.stopped
+
+    def record_in(self, flight: Path) -> None:
+        """Write raw files in the folder of this flight from now on. From any thread."""
+        if self._raw is not None:
+            self._raw.record_in(flight)
 
     async def start(self) -> None:
-        """Open the socket and speak up.
+        """Open the way to the vehicle and speak up.
 
-        Raises ValueError where `[vehicle]` names no usable address, OSError where it can't be opened.
+        Raises ValueError where `[vehicle]` names no usable address or key, OSError where it can't be opened.
         """
-        loop = asyncio.get_running_loop()
-        peer = None
-        if self._settings.connect:
-            family, peer = await _resolve("connect", self._settings.connect)
-            own: Address = ("::" if family == socket.AF_INET6 else "0.0.0.0", 0)
-            self._session = self._make(peer)
-        else:
-            family, own = await _resolve("listen", self._settings.listen)
-        transport, _ = await loop.create_datagram_endpoint(lambda: self, local_addr=own, family=family)
-        self._transport = transport
+        if self._settings.signing == "required":
+            self._signing = await asyncio.to_thread(self._ready_to_sign)
+        self._transport = await open_transport(self._settings, self.hear, self._counts)
+        self._session = self._make(self._transport.peer)
+        if self._raw is not None:
+            self._raw.start()
         self._turn()
 
     async def stop(self) -> None:
-        """Close the socket. Effects that still wait for an answer stay without one."""
+        """Close the way to the vehicle, and the files. Effects that still wait for an answer stay without one."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
         if self._transport is not None:
             self._transport.close()
             self._transport = None
+        if self._keeping is not None:
+            await self._keeping
+        if self._raw is not None:
+            await asyncio.to_thread(self._raw.stop)
 
     def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
         """Perform the pointing effect of record `seq`; its life counts from `recorded_mono_ns`."""
@@ -112,15 +136,17 @@ class VehicleLink(asyncio.DatagramProtocol):
         """Return the camera's pose at a moment, or None where it is not known."""
         return self._session.telemetry.poses.pose_at(mono_ns)
 
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Take a datagram (called by asyncio)."""
-        self._session.hear(self._clock.mono_ns(), (addr[0], addr[1]), data)
+    def hear(self, peer: Address, data: bytes) -> None:
+        """Take a datagram, or a frame of a stream."""
+        self._session.hear(self._clock.mono_ns(), peer, data)
         self._turn()
 
-    def error_received(self, exc: Exception) -> None:
-        """Count a send that the network refused, or an ICMP error (called by asyncio)."""
-        del exc
-        self._failures += 1
+    def _admit(self, frame: bytes) -> str:
+        """Judge a whole frame; what is taken is also written down."""
+        refusal = "" if self._signing is None else self._signing.admit(frame)
+        if not refusal and self._raw is not None:
+            self._raw.note(frame)
+        return refusal
 
     def _turn(self) -> None:
         """Work off what is due and what the session wants, then sleep until the next thing."""
@@ -133,15 +159,39 @@ class VehicleLink(asyncio.DatagramProtocol):
                 elif self._send(output) and output.effect_seq is not None:
                     self._session.sent(output.effect_seq)
         self._offer_kept()
+        self._keep_signing_time()
         self._sleep(now_ns)
 
     def _send(self, output: Transmit) -> bool:
-        """Return whether the bytes left. asyncio tells of a failure by calling `error_received` meanwhile."""
+        """Return whether the bytes left."""
         if self._transport is None:
             return False
-        before = self._failures
-        self._transport.sendto(output.data, output.peer)
-        return self._failures == before
+        data = output.data if self._signing is None else self._signing.sign(output.data)
+        left = self._transport.write(data, output.peer)
+        if left and self._raw is not None:
+            self._raw.note(output.data)
+        return left
+
+    def _ready_to_sign(self) -> Signing:
+        """Read the key and the times that were sent before. Raises ValueError, for without them nothing may start."""
+        try:
+            path = Path(self._settings.signing_key_file)
+            return open_signing(path, lambda: known_time(self._clock).earliest_ms)
+        except SigningKeyError as error:
+            raise ValueError(f"[vehicle] signing_key_file: {error}") from error
+
+    def _keep_signing_time(self) -> None:
+        """Keep the time ahead of what is sent, beside the loop: the disk may stall."""
+        if self._signing is None or self._transport is None or (self._keeping and not self._keeping.done()):
+            return
+        if (times := self._signing.to_keep()) is not None:
+            self._keeping = asyncio.get_running_loop().create_task(self._keep(self._signing, times))
+
+    async def _keep(self, signing: Signing, times: tuple[int, int]) -> None:
+        try:
+            await asyncio.to_thread(signing.kept.write, *times)
+        except OSError:
+            self._counts[NOT_KEPT] += 1
 
     def _report(self, report: Report) -> None:
         if report.input_class is InputClass.OUTCOME:
@@ -165,31 +215,3 @@ class VehicleLink(asyncio.DatagramProtocol):
             due_ns = min(due_ns, now_ns + OFFER_AGAIN_NS)
         delay_s = max(0, due_ns - now_ns) / 1e9
         self._timer = asyncio.get_running_loop().call_later(delay_s, self._turn)
-
-
-def _session(
-    settings: VehicleSection,
-    place: MakePlace,
-    on_first_fix: Callable[[float, float, float], None],
-    healthy: Callable[[], bool],
-    bounds_deg: tuple[float, float],
-    peer: Address | None,
-) -> Session:
-    tolerance_deg, drift_deg = bounds_deg
-    return Session(
-        settings, place, on_first_fix, healthy, arrival_tolerance_deg=tolerance_deg, drift_deg=drift_deg, peer=peer
-    )
-
-
-async def _resolve(key: str, text: str) -> tuple[int, Address]:
-    """Return family and address of host:port; raises ValueError with the key and what it should look like."""
-    host, colon, port = text.rpartition(":")
-    if not colon or not host or not port.isdecimal() or int(port) > 65535:
-        raise ValueError(f'[vehicle] {key} = "{text}": write host:port, e.g. "127.0.0.1:14550"')
-    loop = asyncio.get_running_loop()
-    try:
-        found = await loop.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)
-    except socket.gaierror as error:
-        raise ValueError(f'[vehicle] {key} = "{text}": {host} is not known here ({error.strerror})') from error
-    family, _, _, _, address = found[0]
-    return family, (str(address[0]), int(address[1]))

@@ -25,6 +25,7 @@ from autopilot.adapters.vehicle.egress import (
     GPS_RAW,
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
+    SYSTEM_TIME,
     Egress,
     NotEncodable,
     check,
@@ -45,12 +46,17 @@ from autopilot.adapters.vehicle.heard import (
     Position,
     Rejected,
     Sender,
+    SystemTime,
+    Timesync,
+    Version,
 )
 from autopilot.adapters.vehicle.presence import Address, Presence, Vehicle
 from autopilot.adapters.vehicle.telemetry import MakePlace, Telemetry
-from autopilot.adapters.vehicle.upkeep import Heart, Streams
+from autopilot.adapters.vehicle.timesync import Timing, is_question_to
+from autopilot.adapters.vehicle.upkeep import Heart, Stream, Streams
 from autopilot.ports.config import VehicleSection
 from autopilot.ports.edges import InputClass
+from events.schema.link_pb2 import VehicleIdentified
 from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
 
 MAV_RESULT_ACCEPTED = 0
@@ -61,6 +67,7 @@ _STREAM_OF: dict[type[Heard], int] = {
     Attitude: ATTITUDE,
     GimbalAttitude: GIMBAL_ATTITUDE,
     Fix: GPS_RAW,
+    SystemTime: SYSTEM_TIME,
     GimbalStatus: GIMBAL_STATUS,
 }
 
@@ -94,9 +101,14 @@ class Session:
         *,
         arrival_tolerance_deg: float,
         peer: Address | None,
+        on_time: Callable[[int], None],
+        admit: Callable[[bytes], str] = ingress.admit_all,
         drift_deg: float = 2.0,
     ) -> None:
+        """`on_time` is told what time the vehicle says it is, in ms since 1970; `admit` judges frames (`ingress`)."""
         self._settings = settings
+        self._on_time = on_time
+        self._admit = admit
         self._on_first_fix = on_first_fix
         self._healthy = healthy
         self._configured_peer = peer
@@ -105,6 +117,8 @@ class Session:
         self._presence = Presence(settings)
         self._heart = Heart()
         self._streams = Streams()
+        self._version = Stream(once=True)
+        self._timing = Timing(settings.time_threshold_ms)
         self._attached = Attached(settings.gimbal_measures)
         self._known: Vehicle | None = None
         self._state: VehicleStateReported | None = None
@@ -136,7 +150,7 @@ class Session:
         if self.peer is not None and peer != self.peer:
             self.rejected["foreign peer"] += 1
             return
-        for item in ingress.read(datagram):
+        for item in ingress.read(datagram, self._admit):
             if isinstance(item, Rejected):
                 self.rejected[item.because] += 1
             else:
@@ -156,6 +170,7 @@ class Session:
         dues = [self._heart.due_ns(), self._exchange.due_ns(), self._presence.due_ns()]
         if self._known is not None:
             dues += [self._streams.due_ns(), self._attached.due_ns()]
+            dues += [self._version.due_ns(), self._timing.due_ns()]
         return min(due for due in dues if due is not None)
 
     def sent(self, effect_seq: int) -> None:
@@ -187,7 +202,7 @@ class Session:
         vehicle = self._presence.vehicle
         if vehicle is None or heard.sender.system != vehicle.sender.system:
             self.rejected["foreign system"] += 1
-        elif isinstance(heard, OfGimbal | OfCamera | Answer) or heard.sender == vehicle.sender:
+        elif isinstance(heard, OfGimbal | OfCamera | Answer | Timesync) or heard.sender == vehicle.sender:
             self._from_vehicle(now_ns, heard)
         else:
             self.rejected["foreign component"] += 1
@@ -211,6 +226,12 @@ class Session:
                 self._report_telemetry(self.telemetry.view(now_ns, heard, demanded=demanded))
             case Fix():
                 self._first_fix(heard)
+            case SystemTime():
+                self._on_time(heard.wall_ms)
+            case Timesync():
+                self._timesync(now_ns, heard)
+            case Version():
+                self._identified(now_ns, heard)
             case GimbalLimits() | GimbalStatus() | CameraInformation() | CameraSettings():
                 self._report_news(self._attached.hear(now_ns, heard, self._us()))
                 self._report_news(self._attached.described(now_ns, self._state))
@@ -236,6 +257,35 @@ class Session:
         if state != self._state:
             self._state = state
             self._out.append(Report(InputClass.OUTCOME, state))
+
+    def _identified(self, now_ns: int, version: Version) -> None:
+        """Report what the autopilot says that it is, once each time that it comes."""
+        if self._state is not None and self._version.due_ns() is not None:
+            identified = VehicleIdentified(
+                vehicle=1,
+                autopilot=self._state.autopilot,
+                vehicle_type=self._state.vehicle_type,
+                capabilities=version.capabilities,
+                software_version=version.software_version,
+                board_version=version.board_version,
+            )
+            self._out.append(Report(InputClass.OUTCOME, identified))
+        self._version.heard(now_ns)
+
+    def _timesync(self, now_ns: int, heard: Timesync) -> None:
+        """Answer a question that is for us, or take the vehicle's answer; others' talk of the time is their own."""
+        vehicle, us = self._known, Sender(system=self._presence.system, component=self._settings.component_id)
+        if vehicle is None:
+            return
+        if is_question_to(us, heard):
+            answer = self._egress.timesync(us.system, heard.sender, now_ns, heard.ts1_ns)
+            self._out.append(Transmit(vehicle.peer, answer))
+        elif heard.tc1_ns != 0 and heard.sender == vehicle.sender and heard.target in (us, _NOBODY):
+            compared = self._timing.hear(now_ns, heard)
+            if isinstance(compared, str):
+                self.rejected[compared] += 1
+            else:
+                self._report_telemetry(compared)
 
     def _answered(self, now_ns: int, answer: Answer) -> None:
         if answer.target not in (self._us(), _NOBODY):
@@ -264,6 +314,8 @@ class Session:
             self._state = None
         self._streams.reset(now_ns)
         self._attached.reset(now_ns)
+        self._version.reset(now_ns)
+        self._timing.reset(now_ns)
 
     def _keep_up(self, now_ns: int) -> None:
         """Heartbeat and stream requests."""
@@ -274,6 +326,10 @@ class Session:
             return
         for message_id in self._streams.tick(now_ns):
             self._out.append(Transmit(vehicle.peer, self._egress.ask_stream(system, vehicle.sender, message_id)))
+        if self._version.tick(now_ns):
+            self._out.append(Transmit(vehicle.peer, self._egress.ask_version(system, vehicle.sender)))
+        if (ts1_ns := self._timing.ask(now_ns)) is not None:
+            self._out.append(Transmit(vehicle.peer, self._egress.timesync(system, vehicle.sender, 0, ts1_ns)))
         for message_id in self._attached.wanted(now_ns):
             self._out.append(Transmit(vehicle.peer, self._egress.ask_message(system, message_id)))
         self._report_news(self._attached.described(now_ns, self._state))
@@ -297,7 +353,7 @@ class Session:
 
     def _transmit(self, send: Send) -> None:
         order, peer = send.order, self.peer
-        if peer is None:
+        if peer is None or self._known is None:  # a vehicle that is lost is its own failsafe's business
             return
         if send.confirmation == 0:
             self.telemetry.pointing.ask(order.effect_seq, order.effect)

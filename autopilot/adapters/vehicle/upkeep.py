@@ -12,7 +12,7 @@ from __future__ import annotations
 from autopilot.adapters.vehicle.egress import STREAMS_US
 
 HEARTBEAT_NS = 1_000_000_000
-SILENCE_NS = 2_000_000_000  # a stream that is this quiet has stopped; twice the slowest period
+SILENCE_NS = 2_000_000_000  # a stream that is this quiet has stopped; a slow one after twice its period
 PAUSE_FIRST_NS = 1_000_000_000
 PAUSE_LAST_NS = 30_000_000_000  # a vehicle without a gimbal is asked this often for its attitude
 
@@ -38,8 +38,9 @@ class Heart:
 class Stream:
     """One message that should keep coming, or (once) come at all."""
 
-    def __init__(self, *, once: bool = False) -> None:
+    def __init__(self, *, once: bool = False, period_us: int = 0) -> None:
         self._once = once
+        self._silence_ns = max(SILENCE_NS, 2_000 * period_us)
         self.reset(0)
 
     def reset(self, now_ns: int) -> None:
@@ -51,7 +52,7 @@ class Stream:
     def heard(self, now_ns: int) -> None:
         """Note that it came."""
         self._done = self._once
-        self._ask_ns = now_ns + SILENCE_NS
+        self._ask_ns = now_ns + self._silence_ns
         self._pause_ns = PAUSE_FIRST_NS
 
     def tick(self, now_ns: int) -> bool:
@@ -71,7 +72,7 @@ class Streams:
     """All streams of `egress.STREAMS_US`, by message id."""
 
     def __init__(self) -> None:
-        self._streams = {message_id: Stream() for message_id in STREAMS_US}
+        self._streams = {message_id: Stream(period_us=period_us) for message_id, period_us in STREAMS_US.items()}
 
     def reset(self, now_ns: int) -> None:
         """Ask for all of them afresh."""

@@ -38,6 +38,10 @@ class FakeEdges:
         self.mesh = self.vehicle = None
         self.eyes = FakeEyes()
         self._on_start, self._on_stop = on_start, on_stop
+        self.folders: list[Path] = []  # where raw data belonged into, one after the other
+
+    def record_in(self, flight: Path) -> None:
+        self.folders.append(flight)
 
     async def start(self) -> None:
         self._on_start(self)

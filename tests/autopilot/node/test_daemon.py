@@ -118,6 +118,19 @@ def test_a_start_records_what_it_goes_by(config: Config, monkeypatch: pytest.Mon
     assert [one.source for one in of_kind(first, "time_learned")][:1] == ["host"]
 
 
+def test_the_adapters_know_the_folder_of_the_open_flight(config: Config, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before they start, and again with each flight that begins."""
+    told: list[list[Path]] = []
+
+    def look(edges: FakeEdges) -> None:
+        told.append(list(edges.folders))
+        terminate(edges)
+
+    live(config, monkeypatch, look)
+    live(config, monkeypatch, look)
+    assert told == [[flight.folder] for flight in flights_in(Path(config.node.flights))]
+
+
 def test_the_adapters_start_when_the_log_has_what_the_start_found(
     config: Config, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -124,7 +124,34 @@ def test_gps_never_moves_the_floor_nor_a_time_that_is_believed(spoof_ms: int) ->
     check_time(unset, CLOCK_BOUNDED, NOW_MS - MINUTE_MS, FAR_MS)
     assert unset.floor_ms == NOW_MS - MINUTE_MS
     assert unset.time().now_ms in (NOW_MS, NOW_MS + 10)
-    assert [(one.source, one.from_quality, one.to_quality) for one in unset.news()] == [("gps", 0, 1)]
+    off = abs(spoof_ms) > 600_000
+    learned = [(one.source, one.from_quality, one.to_quality, one.jump_ms) for one in unset.news()]
+    assert learned == [("gps", 0, 1, 0), ("gps", 1, 1, spoof_ms)][: 1 + off]
+    told = [(one.source, one.from_quality, one.to_quality, one.jump_ms) for one in trusted.news()]
+    assert told == [("host", 0, 2, 0), ("gps", 2, 2, spoof_ms)][: 1 + off]
+
+
+def test_a_gps_that_is_off_is_told_once_until_it_is_back_and_every_10_s_at_most() -> None:
+    host = HostClocks()
+    clock = clock_of(host, trusted=True)
+    clock.news()
+    far, told = 11 * MINUTE_MS, 0
+    for second, off_ms in enumerate([far, far, 0, far, 0, *[far] * 21, 600_000, far]):
+        clock.hear_gps(NOW_MS + 1_000 * second + off_ms)
+        told += len(clock.news())
+        assert told == 1 + (second >= 10) + (second >= 27)
+        host.pass_ms(1_000)
+
+
+def test_a_host_that_is_set_right_after_gps_spoke_is_believed_then() -> None:
+    """A spoofed GPS is no reason not to believe a clock that is configured as kept."""
+    host = HostClocks(wall_ms=0)
+    clock = clock_of(host, trusted=True)
+    clock.hear_gps(NOW_MS + YEARS_MS)
+    assert clock.time().quality == CLOCK_BOUNDED
+    host.wall_ms = NOW_MS
+    check_time(clock, CLOCK_TRUSTED, NOW_MS, NOW_MS)
+    assert [one.source for one in clock.news()] == ["gps", "host"]
 
 
 def test_gps_may_advance_an_uncertain_time_but_not_turn_it_back() -> None:

@@ -31,6 +31,7 @@ from tests.autopilot.vehicle.vehicles import (
     packed,
     position,
     release,
+    system_time,
 )
 
 STRANGER = ("127.0.0.1", 9)
@@ -116,6 +117,17 @@ def test_streams_are_asked_for_and_asked_for_again() -> None:
     bench.sent.clear()
     bench.hear(5.5, heartbeat())
     assert {m.param1 for m in bench.sent if m.get_type() == "COMMAND_LONG"} >= {33, 30, 285}
+
+
+def test_a_vehicle_that_tells_the_time_is_not_asked_for_it() -> None:
+    bench = flying()
+    bench.hear(0.5, system_time(1_790_000_000_000))
+    bench.sent.clear()
+    for second in range(1, 11):
+        bench.hear(second, heartbeat())
+    assert 2 not in {m.param1 for m in bench.sent if m.get_type() == "COMMAND_LONG"}
+    bench.hear(11, heartbeat())
+    assert 2 in {m.param1 for m in bench.sent if m.get_type() == "COMMAND_LONG"}
 
 
 def test_positions_are_thinned_and_wait_for_the_origin() -> None:
@@ -319,3 +331,22 @@ def test_a_number_of_the_link_is_a_message_that_left() -> None:
     numbers = [message.get_seq() for message in bench.sent]
     assert bench.commands() == [195, 1000]
     assert numbers == list(range(len(numbers)))
+
+
+def test_nothing_is_commanded_into_a_vehicle_that_is_lost() -> None:
+    """Neither what waits nor what was to be sent again: its own failsafe is at work."""
+    bench = Bench(VehicleSection(connect="x:1", link_timeout_s=1, answer_timeout_s=0.7, attempts=3))
+    bench.hear(0, heartbeat())
+    bench.perform(0.9, 5, at_angles())
+    assert bench.commands() == [1000]
+    for tenth in range(10, 50):
+        bench.turn(tenth / 10)
+    bench.perform(5, 6, at_place())
+    bench.turn(9)
+    assert bench.commands() == [1000]
+    assert bench.reported(VehicleLinkChanged)[-1] == VehicleLinkChanged(vehicle=1, up=False)
+    assert bench.reported(CommandUnanswered) == [
+        CommandUnanswered(effect_seq=5, attempts=1, because="no answer"),
+        CommandUnanswered(effect_seq=6, attempts=0, because="no vehicle"),
+    ]
+    assert {one.get_type() for one in bench.sent[-5:]} == {"HEARTBEAT"}

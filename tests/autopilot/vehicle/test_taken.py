@@ -29,7 +29,13 @@ class Air:
         self.aircraft.gimbal.pans = pans
         settings = VehicleSection(connect="127.0.0.1:14550", gimbal_measures=measures)
         self.session = Session(
-            settings, plain_place, lambda *_: None, lambda: True, arrival_tolerance_deg=1.0, peer=PEER
+            settings,
+            plain_place,
+            lambda *_: None,
+            lambda: True,
+            arrival_tolerance_deg=1.0,
+            peer=PEER,
+            on_time=lambda _: None,
         )
 
     def fly(self, seconds: float) -> None:

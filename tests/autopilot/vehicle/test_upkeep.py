@@ -93,11 +93,17 @@ def test_what_came_once_for_good_is_not_asked_for_again() -> None:
 
 def test_all_streams_are_asked_for() -> None:
     streams = Streams()
-    assert streams.tick(0) == list(STREAMS_US) == [33, 30, 285, 24, 281]
+    assert streams.tick(0) == list(STREAMS_US) == [33, 30, 285, 24, 281, 2]
     streams.heard(0, 33)
-    assert streams.tick(S) == [30, 285, 24, 281]
+    assert streams.tick(S) == [30, 285, 24, 281, 2]
     streams.reset(S)
     assert 33 in streams.tick(S)
+
+
+def test_a_slow_stream_has_stopped_after_twice_its_period() -> None:
+    stream = Stream(period_us=5_000_000)
+    stream.heard(0)
+    check_asks(stream, 15, [10, 11, 13])
 
 
 def test_one_beat_a_second() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable
 from typing import Any
@@ -23,6 +24,24 @@ LATITUDE_E7, LONGITUDE_E7, ALTITUDE_MM = 473_977_000, 85_456_000, 518_000
 def packed(message: Any, system: int = 1, component: int = 1) -> bytes:
     """Return a message as the bytes of one datagram."""
     return bytes(message.pack(dialect.MAVLink(None, system, component)))
+
+
+def framed(message_id: int, payload: bytes, sender: tuple[int, int] = (1, 1)) -> bytes:
+    """Return any payload as a frame with a right checksum; of a message that is not known it is some checksum."""
+    known = dialect.mavlink_map.get(message_id)
+    header = bytes([len(payload), 0, 0, 0, *sender]) + message_id.to_bytes(3, "little")
+    checksum: int = dialect.x25crc(header + payload + bytes([known.crc_extra if known else 77])).crc
+    return b"\xfd" + header + payload + checksum.to_bytes(2, "little")
+
+
+def signed(frame: bytes, key: bytes, ticks: int, link_id: int = 0) -> bytes:
+    """Return a frame as another implementation signs it."""
+    known = dialect.mavlink_map.get(int.from_bytes(frame[7:10], "little"))
+    header = frame[1:2] + b"\x01" + frame[3:10]
+    checksum: int = dialect.x25crc(header + frame[10:-2] + bytes([known.crc_extra if known else 77])).crc
+    body = b"\xfd" + header + frame[10:-2] + checksum.to_bytes(2, "little")
+    body += bytes([link_id]) + ticks.to_bytes(6, "little")
+    return body + hashlib.sha256(key + body).digest()[:6]
 
 
 def heartbeat(system: int = 1, component: int = 1, *, autopilot: int = 3, armed: bool = False, mode: int = 0) -> bytes:
@@ -54,6 +73,16 @@ def gimbal(boot_ms: int, pitch_deg: float, yaw_deg: float, flags: int = 32, comp
         0, 0, boot_ms, flags, q, math.nan, math.nan, math.nan, 0
     )
     return packed(message, component=component)
+
+
+def system_time(wall_ms: int, *, sender: tuple[int, int] = (1, 1)) -> bytes:
+    return packed(dialect.MAVLink_system_time_message(wall_ms * 1000, 1), *sender)
+
+
+def version() -> bytes:
+    nothing = [0] * 8
+    message = dialect.MAVLink_autopilot_version_message(0xF, 0x04060000, 0, 0, 9, nothing, nothing, nothing, 0, 0, 1)
+    return packed(message)
 
 
 def answer(command: int, result: int = 0, target: tuple[int, int] = US, progress: int = 0) -> bytes:
@@ -148,8 +177,10 @@ class Bench:
         healthy: Callable[[], bool] = lambda: True,
         place: Callable[[float, float, float], Place | None] = plain_place,
         peer: tuple[str, int] | None = PEER,
+        on_time: Callable[[int], None] | None = None,
     ) -> None:
         self.fixes: list[tuple[float, float, float]] = []
+        self.times: list[int] = []
         self.session = Session(
             settings or VehicleSection(connect="127.0.0.1:14550"),
             place,
@@ -157,6 +188,7 @@ class Bench:
             healthy,
             arrival_tolerance_deg=1.0,
             peer=peer,
+            on_time=on_time or self.times.append,
         )
         self.sent: list[Any] = []  # decoded
         self.reports: list[Message] = []
