@@ -96,7 +96,7 @@ class Selftest:
             has_gimbal=config.eyes.pose is None and vehicle is not None,
             gimbal_ms_ago=self._ago_ms("gimbal_reported") if vehicle is None else vehicle.heard_ms_ago.get("gimbal"),
             vehicle=vehicle,
-            return_percent=0,
+            return_percent=config.safety.battery_return_percent,
             fences=0 if noted.plan is None else len(noted.plan.fences),
             mission_items=None if noted.plan is None else len(noted.plan.items),
             has_mesh=bool(config.mesh.connect or config.mesh.listen),

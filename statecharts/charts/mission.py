@@ -204,7 +204,7 @@ _NOT_NOW = {
 
 def _whole(*rows: Row[Facts]) -> tuple[Row[Facts], ...]:
     """Return these rows and, for every cell that none of them is in, one that stays."""
-    taken = {(row.source, row.trigger) for row in rows}
+    taken = {(row.source, row.trigger): True for row in rows}
     empty = [(state, trigger) for state in STATES for trigger in TRIGGERS if (state, trigger) not in taken]
     return (*rows, *(ignore(state, trigger, _NOT_NOW[trigger]) for state, trigger in empty))
 

@@ -298,13 +298,14 @@ def test_what_may_be_asked_and_when(verb: str) -> None:
 
 def test_who_may_order_it() -> None:
     """A role of the flight; a camera's is not enough; and a node that flies no missions says so."""
-    for changes, words, expected in (
+    cases: tuple[tuple[dict[str, Any], str, str], ...] = (
         ({}, "order a begin roles=camera", "unauthorised"),
         ({}, "order a begin", "accepted"),
         ({"mission_enabled": False}, "order a begin", "unsupported"),
         ({"flight_enabled": False}, "order a begin", "accepted"),
         ({"flight_enabled": False, "mission_enabled": False}, "order a fly", "unsupported"),
-    ):
+    )
+    for changes, words, expected in cases:
         tale = story(**changes)
         tale.tell(words)
         check_equal(tale.flight.state.orders["alpha/a"].state, expected)

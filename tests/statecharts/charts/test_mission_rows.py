@@ -12,7 +12,7 @@ from tests import flying
 from tests.checks import check_equal, check_exactly_one_row
 
 MODES = {name: int(mode) for name, mode in flying.MODES.items()}
-AIRBORNE = {"armed": True, "flown": True}
+AIRBORNE: dict[str, Any] = {"armed": True, "flown": True}
 
 
 def check_row(state: str, trigger: str, target: str, mode: str = "none", **facts: Any) -> None:
