@@ -16,12 +16,16 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as dialect
 
+from autopilot.adapters.vehicle import ingress_flight
+from autopilot.adapters.vehicle.fitness import Unfit as _Unfit
+from autopilot.adapters.vehicle.fitness import finite as _finite
+from autopilot.adapters.vehicle.fitness import on_earth as _on_earth
+from autopilot.adapters.vehicle.fitness import within as _within
 from autopilot.adapters.vehicle.heard import (
     Answer,
     Attitude,
     CameraInformation,
     CameraSettings,
-    Fix,
     GimbalAttitude,
     GimbalLimits,
     GimbalStatus,
@@ -44,11 +48,7 @@ CHECKSUM_BYTES = 2
 SIGNATURE_BYTES = 13
 SIGNED = 0x01
 
-LATITUDE_MAX_E7 = 900_000_000
-LONGITUDE_MAX_E7 = 1_800_000_000
-ALTITUDE_MM = range(-1_000_000, 100_000_001)  # below the Dead Sea, above any aircraft
 HEADING_UNKNOWN = 65535
-FIX_3D = 3
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
 YAW_LOCK, YAW_IN_VEHICLE, YAW_IN_EARTH = 16, 32, 64  # GIMBAL_DEVICE_FLAGS
@@ -56,10 +56,6 @@ QUATERNION_NORM = (0.9, 1.1)
 YAW_AXIS, ENDLESS_YAW, ANY_AXIS = 256, 2048, 4 | 32 | 256  # GIMBAL_MANAGER_CAP_FLAGS
 HAS_ZOOM = 64  # CAMERA_CAP_FLAGS_HAS_BASIC_ZOOM
 PERCENT_MAX = 100
-
-
-class _Unfit(Exception):
-    """Carries the name of a rejection out of a reader."""
 
 
 def read(datagram: bytes) -> Iterator[Heard | Rejected]:
@@ -103,24 +99,6 @@ def _message(frame: bytes) -> Heard | Rejected | None:
         return reader(message, Sender(system=frame[5], component=frame[6]))
     except _Unfit as unfit:
         return Rejected(str(unfit))
-
-
-def _finite(*values: float) -> None:
-    if not all(math.isfinite(value) for value in values):
-        raise _Unfit("not finite")
-
-
-def _within(holds: bool) -> None:
-    if not holds:
-        raise _Unfit("out of range")
-
-
-def _on_earth(latitude_e7: int, longitude_e7: int, *altitudes_mm: int) -> None:
-    """Zero in both means that the autopilot does not know where it is; no vehicle ever flies there."""
-    if latitude_e7 == 0 and longitude_e7 == 0:
-        raise _Unfit("no position")
-    _within(abs(latitude_e7) <= LATITUDE_MAX_E7 and abs(longitude_e7) <= LONGITUDE_MAX_E7)
-    _within(all(altitude in ALTITUDE_MM for altitude in altitudes_mm))
 
 
 def _heartbeat(message: Any, sender: Sender) -> Heartbeat | None:
@@ -190,13 +168,6 @@ def _gimbal_attitude(message: Any, sender: Sender) -> GimbalAttitude:
     )
 
 
-def _fix(message: Any, sender: Sender) -> Fix | None:
-    if message.fix_type < FIX_3D:
-        return None
-    _on_earth(message.lat, message.lon, message.alt)
-    return Fix(sender=sender, latitude_e7=message.lat, longitude_e7=message.lon, altitude_mm=message.alt)
-
-
 def _gimbal_limits(message: Any, sender: Sender) -> GimbalLimits:
     """The message has radians, the command that uses them degrees. NaN, and 0 for all four, is "not told"."""
     pitch, yaw = (message.pitch_min, message.pitch_max), (message.yaw_min, message.yaw_max)
@@ -245,9 +216,9 @@ READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _position,
     dialect.MAVLINK_MSG_ID_ATTITUDE: _attitude,
     dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _gimbal_attitude,
-    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _fix,
     dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: _gimbal_limits,
     dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: _gimbal_status,
     dialect.MAVLINK_MSG_ID_CAMERA_INFORMATION: _camera_information,
     dialect.MAVLINK_MSG_ID_CAMERA_SETTINGS: _camera_settings,
+    **ingress_flight.READERS,
 }

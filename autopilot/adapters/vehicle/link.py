@@ -18,14 +18,14 @@ from autopilot.adapters.vehicle.presence import Address
 from autopilot.adapters.vehicle.session import Report, Session, Transmit
 from autopilot.adapters.vehicle.telemetry import MakePlace
 from autopilot.ports.config import VehicleSection
-from autopilot.ports.edges import Clock, InputClass, Offer, Pose
+from autopilot.ports.edges import Clock, InputClass, Offer, Pose, VehicleFacts
 from events.schema.common_pb2 import Place
 
 OFFER_AGAIN_NS = 50_000_000
 
 
 class VehicleLink(asyncio.DatagramProtocol):
-    """Performs pointing effects over MAVLink 2 and reports what the vehicle says.
+    """Performs effects of pointing and of the flight over MAVLink 2 and reports what the vehicle says.
 
     `place` makes a Place of latitude, longitude (degrees) and altitude (m AMSL), or returns None
     before the origin is set. `on_first_fix` is called once, on the loop, with the first 3D fix, so that
@@ -68,6 +68,10 @@ class VehicleLink(asyncio.DatagramProtocol):
         """How far the gimbal turns, once it told."""
         return self._session.limits
 
+    def facts(self) -> VehicleFacts:
+        """Return what is known of the vehicle now, for the self-test. On the loop."""
+        return self._session.reports.facts(self._clock.mono_ns())
+
     @property
     def address(self) -> Address | None:
         """Own address, once started."""
@@ -103,7 +107,7 @@ class VehicleLink(asyncio.DatagramProtocol):
             self._transport = None
 
     def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
-        """Perform the pointing effect of record `seq`; its life counts from `recorded_mono_ns`."""
+        """Perform the effect of record `seq`; its life counts from `recorded_mono_ns`."""
         deadline_ns = recorded_mono_ns + int(getattr(effect, "life_ms", 0)) * 1_000_000
         self._session.perform(self._clock.mono_ns(), seq, effect, deadline_ns)
         self._turn()

@@ -19,6 +19,7 @@ from autopilot.adapters.vehicle.heard import (
     GimbalStatus,
     Heard,
     Heartbeat,
+    Reception,
     Rejected,
     Sender,
 )
@@ -133,7 +134,7 @@ def test_a_signature_is_skipped() -> None:
 def test_what_nobody_needs_is_passed_over() -> None:
     assert list(read(packed(dialect.MAVLink_statustext_message(4, b"hello")))) == []
     assert list(read(heartbeat(autopilot=8))) == []
-    assert list(read(gps(2))) == []
+    assert [type(item) for item in read(gps(2, 0, 0))] == [Reception]
 
 
 def test_values() -> None:
