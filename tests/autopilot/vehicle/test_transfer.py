@@ -232,6 +232,27 @@ def test_a_vehicle_that_had_every_item_may_have_swapped(second: tuple[int, int],
     assert transfer._run.state == state
 
 
+def test_one_that_refuses_after_its_last_item_may_have_swapped() -> None:
+    transfer, _ = uploading(Family.PX4)
+    for seq in range(6):
+        transfer.hear(0, ItemRequest(sender=VEHICLE, target=NODE, seq=seq))
+    transfer.hear(0, MissionAnswer(sender=VEHICLE, target=NODE, result=14, opaque_id=0))
+    assert transfer.busy
+
+
+def test_a_second_attempt_is_read_back_from_its_beginning() -> None:
+    transfer, _ = uploading(Family.PX4)
+    read: list[int] = []
+    for at_s, alters in ((0, 3), (5, 1)):
+        peer = Peer(Family.PX4, Faults(alters=alters))
+        transfer.tick(at_s * S)
+        while pending := [item for item in transfer.take() if isinstance(item, Say)]:
+            read += [say.number for say in pending if say.word is Word.REQUEST]
+            for answer in [answer for say in pending for answer in peer.hear(at_s * S, say)]:
+                transfer.hear(at_s * S, answer)
+    assert read == [0, 1, 2, 3, 0, 1]
+
+
 def test_messages_that_are_nobody_s_are_named() -> None:
     transfer, _ = uploading(Family.COPTER)
     answer = MissionAnswer(sender=NODE, target=NODE, result=3, opaque_id=0)
