@@ -316,3 +316,22 @@ def test_a_bad_link_to_a_good_vehicle_mostly_carries_it(family: Family, late_ms:
     reports = [outcome(Network(seed, 0.3, 0.1, late_ms).run(uploading(family)[0], Peer(family))) for seed in range(20)]
     assert sum(isinstance(report, MissionUploaded) for report in reports) >= 12
     assert all(report.because for report in reports if isinstance(report, MissionUploadFailed))
+
+
+def test_the_last_item_is_compared_too() -> None:
+    check_failed(
+        Family.PX4,
+        Faults(alters=5),
+        "an item is not what was given; it was cleared (item 5: height 35.0 for 30.0)",
+        **{"item": 5, "holds": NOTHING, "attempts": 2},
+    )
+
+
+def test_what_comes_after_the_last_item() -> None:
+    """A request for one more is not served; an error may mean that the acknowledgement was lost: it is read."""
+    transfer, _ = uploading(Family.PX4)
+    for seq in range(7):
+        transfer.hear(0, ItemRequest(sender=VEHICLE, target=NODE, seq=seq))
+    transfer.hear(0, MissionAnswer(sender=VEHICLE, target=NODE, result=1, opaque_id=0))
+    said = [item.word for item in transfer.take() if isinstance(item, Say)]
+    assert said == [Word.COUNT, *[Word.ITEM] * 6, Word.LIST]
