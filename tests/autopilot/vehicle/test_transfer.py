@@ -323,7 +323,9 @@ def test_the_last_item_is_compared_too() -> None:
         Family.PX4,
         Faults(alters=5),
         "an item is not what was given; it was cleared (item 5: height 35.0 for 30.0)",
-        **{"item": 5, "holds": NOTHING, "attempts": 2},
+        item=5,
+        holds=NOTHING,
+        attempts=2,
     )
 
 
