@@ -14,6 +14,8 @@ Drawn from the rows in `statecharts/charts/` by `make diagrams`; do not edit it 
 state: it *moves* the instance, *ignores* the trigger, or *refuses* it with a reason for whoever asked. Where a row has
 a guard, it has to hold; where several rows are open, the lowest band decides, and two in one band are an error. Every
 move is recorded with the reason in the last column. The diagrams show the moves without their guards.
+
+`transfer` stands apart: the vehicle's adapter executes it, at the edge, and the core sees only how it ended.
 """
 
 

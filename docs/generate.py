@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from docs import catalogue, charts
-from statecharts.charts import CHARTS
+from statecharts.charts import CHARTS, transfer
 
 REPO = Path(__file__).resolve().parent.parent
 
@@ -17,7 +17,7 @@ REPO = Path(__file__).resolve().parent.parent
 def pages() -> dict[str, str]:
     """Return every drawn page under its path in the repository. Raises SchemaUnread."""
     return {
-        "docs/charts.md": charts.page(CHARTS),
+        "docs/charts.md": charts.page((*CHARTS, transfer.CHART)),
         "docs/events.md": catalogue.page(REPO / "events" / "schema"),
     }
 

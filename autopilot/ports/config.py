@@ -91,6 +91,24 @@ class VehicleSection(Section):
     answer_timeout_s: float = Field(0.7, gt=0, le=10, description="Wait for COMMAND_ACK before sending again.")
     attempts: int = Field(3, ge=1, le=10, description="How often a harmless command is sent.")
     in_progress_timeout_s: float = Field(3.0, gt=0, le=60, description="Wait after IN_PROGRESS.")
+    in_progress_longest_s: float = Field(
+        60, gt=0, le=3600, description="A command that is in progress for longer than this is given up."
+    )
+    late_answer_s: float = Field(
+        3.0,
+        ge=0,
+        le=60,
+        description="An answer may come this late (a link of 2 s, and some): none of its kind is believed till then.",
+    )
+    mission_timeout_s: float = Field(1.5, gt=0, le=60, description="Mission protocol: wait before it is said again.")
+    mission_item_timeout_s: float = Field(
+        0.25, gt=0, le=60, description="Mission protocol: the same for an item; it doubles with each retry."
+    )
+    mission_retries: int = Field(5, ge=0, le=8, description="Mission protocol: how often it is said again.")
+    mission_rest_s: float = Field(
+        5.0, ge=0, le=60, description="Rest before an upload is begun again: twice a link of 2 s, and some."
+    )
+    mission_items_max: int = Field(700, ge=1, le=65_000, description="Items of a mission; ArduPilot keeps some 700.")
     link_timeout_s: float = Field(5.0, gt=0, le=60, description="Silence after which the vehicle is gone.")
     position_period_s: float = Field(0.5, gt=0, le=60, description="A position is recorded at most this often.")
     position_threshold_m: float = Field(

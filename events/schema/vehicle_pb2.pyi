@@ -224,7 +224,7 @@ class CommandUnanswered(_message.Message):
     attempts: _builtins.int
     """How many times it was sent; 0 when it never left."""
     because: _builtins.str
-    """"no answer", "expired before sending", "no vehicle", "superseded", "not encodable"."""
+    """"no answer", "expired before sending", "no vehicle", "superseded", "not encodable", "disarmed"."""
     def __init__(
         self,
         *,

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from events.kinds import KINDS, Role
-from statecharts.charts import CHARTS, PARTS, poi
+from statecharts.charts import CHARTS, PARTS, poi, transfer
 from statecharts.engine import _EVOLVE
 from statecharts.part import Part
 from statecharts.table import Answer, Chart, Row
@@ -21,12 +21,15 @@ COMPLEMENTS = (
 )
 
 
+ALL = (*CHARTS, transfer.CHART)  # the last is executed at the edge
+
+
 def by_name(chart: Chart[Any]) -> str:
     """Name a chart in the names of tests."""
     return chart.name
 
 
-@pytest.mark.parametrize("chart", CHARTS, ids=by_name)
+@pytest.mark.parametrize("chart", ALL, ids=by_name)
 def test_exactly_one_row_is_open(chart: Chart[Any]) -> None:
     """No hole and no race in any state, for any trigger and any answers of the guards."""
     check_exactly_one_row(chart, COMPLEMENTS)
@@ -58,7 +61,7 @@ def faults(chart: Chart[Any]) -> Iterator[str]:
     yield from (f"{state} is never reached" for state in chart.states if state not in reached)
 
 
-@pytest.mark.parametrize("chart", CHARTS, ids=by_name)
+@pytest.mark.parametrize("chart", ALL, ids=by_name)
 def test_rows_are_in_order(chart: Chart[Any]) -> None:
     """Last bands without a guard, no shadowed row, terminal states at rest, reasons everywhere, every state reached."""
     check_equal(list(faults(chart)), [])

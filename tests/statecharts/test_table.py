@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from statecharts.charts import CHARTS
+from statecharts.charts import CHARTS, transfer
 from statecharts.table import (
     AmbiguousTransition,
     Answer,
@@ -125,7 +125,7 @@ def test_a_row_is_put_to_the_executor_once(monkeypatch: pytest.MonkeyPatch) -> N
     check_equal((answers, put), (["x", "y", "x", "y", "z"], [0, 1]))
 
 
-@pytest.mark.parametrize("chart", CHARTS, ids=lambda chart: chart.name)
+@pytest.mark.parametrize("chart", [*CHARTS, transfer.CHART], ids=lambda chart: chart.name)
 def test_every_move_of_every_chart_is_executed_as_written(chart: Chart[Any]) -> None:
     """`transitions` ends where the row says, for each row."""
     for number, row in enumerate(chart.rows):

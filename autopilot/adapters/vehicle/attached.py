@@ -19,29 +19,11 @@ from autopilot.adapters.vehicle.heard import (
     Sender,
 )
 from events.schema.vehicle_pb2 import (
-    GiveUpGimbal,
-    PointAtAngles,
-    PointAtPlace,
-    ReleasePointing,
     SetZoom,
-    TakeGimbal,
     VehicleStateReported,
 )
 
 Told = GimbalLimits | GimbalStatus | CameraInformation | CameraSettings
-
-# Effects of one lane take each other's place; those of different lanes leave beside each other.
-_LANES: tuple[tuple[type[Message], ...], ...] = (
-    (PointAtPlace, PointAtAngles, ReleasePointing),
-    (TakeGimbal, GiveUpGimbal),
-    (SetZoom,),
-)
-_LANE_OF = {effect: lane for lane, effects in enumerate(_LANES) for effect in effects}
-
-
-def lane_of(effect: Message) -> int:
-    """Return the number of an effect's lane; raises KeyError for one that is not for what a vehicle carries."""
-    return _LANE_OF[type(effect)]
 
 
 class Attached:

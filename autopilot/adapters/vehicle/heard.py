@@ -76,6 +76,16 @@ class GimbalAttitude:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Reception:
+    """GPS_RAW_INT: how well satellites are received."""
+
+    sender: Sender
+    fix_type: int  # GPS_FIX_TYPE
+    satellites: int | None
+    hdop_e2: int | None  # horizontal dilution of precision, in 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Fix:
     """GPS_RAW_INT with a 3D fix."""
 
@@ -83,6 +93,7 @@ class Fix:
     latitude_e7: int
     longitude_e7: int
     altitude_mm: int  # above mean sea level
+    reception: Reception
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,9 +159,122 @@ class CameraSettings:
     zoom_percent: float | None  # of its whole range, 0 to 100; None where the camera does not know
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Battery:
+    """SYS_STATUS or BATTERY_STATUS of the first battery."""
+
+    sender: Sender
+    charge_percent: int | None
+    voltage_mv: int | None
+    whole: bool  # of SYS_STATUS, which speaks for the vehicle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Home:
+    """HOME_POSITION."""
+
+    sender: Sender
+    latitude_e7: int
+    longitude_e7: int
+    altitude_mm: int  # above mean sea level
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Landed:
+    """EXTENDED_SYS_STATE."""
+
+    sender: Sender
+    landed_state: int  # MAV_LANDED_STATE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Current:
+    """MISSION_CURRENT, as the vehicle counts its items."""
+
+    sender: Sender
+    seq: int
+    begun: bool  # False only where it says that it has no mission, or has not started it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reached:
+    """MISSION_ITEM_REACHED, as the vehicle counts its items."""
+
+    sender: Sender
+    seq: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemRequest:
+    """MISSION_REQUEST or MISSION_REQUEST_INT."""
+
+    sender: Sender
+    target: Sender
+    seq: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissionAnswer:
+    """MISSION_ACK."""
+
+    sender: Sender
+    target: Sender
+    result: int  # MAV_MISSION_RESULT
+    opaque_id: int  # 0: none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemCount:
+    """MISSION_COUNT."""
+
+    sender: Sender
+    target: Sender
+    count: int
+    opaque_id: int  # 0: none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Item:
+    """Content of MISSION_ITEM_INT, in either direction. Parameters may be NaN, which means unset."""
+
+    seq: int
+    frame: int  # MAV_FRAME
+    command: int  # MAV_CMD
+    current: bool
+    goes_on: bool  # autocontinue
+    parameters: tuple[float, float, float, float]
+    x: int  # 1e-7 degrees where the command has a place
+    y: int
+    z: float  # metres
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ItemGiven:
+    """MISSION_ITEM_INT."""
+
+    sender: Sender
+    target: Sender
+    item: Item
+
+
+Transferred = ItemRequest | MissionAnswer | ItemCount | ItemGiven
+Flown = Battery | Home | Landed | Current | Reached | Reception
 OfGimbal = GimbalAttitude | GimbalLimits | GimbalStatus
 OfCamera = CameraInformation | CameraSettings
-Heard = Heartbeat | Answer | Position | Attitude | Fix | OfGimbal | OfCamera | SystemTime | Timesync | Version
+Heard = (
+    Heartbeat
+    | Answer
+    | Position
+    | Attitude
+    | Fix
+    | OfGimbal
+    | OfCamera
+    | Flown
+    | Transferred
+    | SystemTime
+    | Timesync
+    | Version
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,14 +17,18 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as dialect
 
+from autopilot.adapters.vehicle import ingress_flight
 from autopilot.adapters.vehicle.extensions import extension
+from autopilot.adapters.vehicle.fitness import Unfit as _Unfit
+from autopilot.adapters.vehicle.fitness import finite as _finite
+from autopilot.adapters.vehicle.fitness import on_earth as _on_earth
+from autopilot.adapters.vehicle.fitness import within as _within
 from autopilot.adapters.vehicle.frames import MAGIC, SIGNED, length_of, message_id
 from autopilot.adapters.vehicle.heard import (
     Answer,
     Attitude,
     CameraInformation,
     CameraSettings,
-    Fix,
     GimbalAttitude,
     GimbalLimits,
     GimbalStatus,
@@ -44,11 +48,7 @@ dialect.MAVLINK_IGNORE_CRC = 0
 
 _DECODER = dialect.MAVLink(None)  # its `decode` keeps nothing from one frame to the next
 
-LATITUDE_MAX_E7 = 900_000_000
-LONGITUDE_MAX_E7 = 1_800_000_000
-ALTITUDE_MM = range(-1_000_000, 100_000_001)  # below the Dead Sea, above any aircraft
 HEADING_UNKNOWN = 65535
-FIX_3D = 3
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID
 YAW_LOCK, YAW_IN_VEHICLE, YAW_IN_EARTH = 16, 32, 64  # GIMBAL_DEVICE_FLAGS
@@ -57,10 +57,6 @@ YEARS_MS = (1_420_070_400_000, 4_102_444_800_000)  # 2015 (MAVLink 2 began to co
 YAW_AXIS, ENDLESS_YAW, ANY_AXIS = 256, 2048, 4 | 32 | 256  # GIMBAL_MANAGER_CAP_FLAGS
 HAS_ZOOM = 64  # CAMERA_CAP_FLAGS_HAS_BASIC_ZOOM
 PERCENT_MAX = 100
-
-
-class _Unfit(Exception):
-    """Carries the name of a rejection out of a reader."""
 
 
 def admit_all(frame: bytes) -> str:
@@ -106,24 +102,6 @@ def _message(frame: bytes) -> Heard | Rejected | None:
         return reader(message, Sender(system=frame[5], component=frame[6]))
     except _Unfit as unfit:
         return Rejected(str(unfit))
-
-
-def _finite(*values: float) -> None:
-    if not all(math.isfinite(value) for value in values):
-        raise _Unfit("not finite")
-
-
-def _within(holds: bool) -> None:
-    if not holds:
-        raise _Unfit("out of range")
-
-
-def _on_earth(latitude_e7: int, longitude_e7: int, *altitudes_mm: int) -> None:
-    """Zero in both means that the autopilot does not know where it is; no vehicle ever flies there."""
-    if latitude_e7 == 0 and longitude_e7 == 0:
-        raise _Unfit("no position")
-    _within(abs(latitude_e7) <= LATITUDE_MAX_E7 and abs(longitude_e7) <= LONGITUDE_MAX_E7)
-    _within(all(altitude in ALTITUDE_MM for altitude in altitudes_mm))
 
 
 def _heartbeat(message: Any, sender: Sender) -> Heartbeat | None:
@@ -191,13 +169,6 @@ def _gimbal_attitude(message: Any, sender: Sender) -> GimbalAttitude:
     return GimbalAttitude(
         sender=sender, boot_ms=message.time_boot_ms, pitch_deg=pitch_deg, yaw_deg=yaw_deg, from_north=from_north
     )
-
-
-def _fix(message: Any, sender: Sender) -> Fix | None:
-    if message.fix_type < FIX_3D:
-        return None
-    _on_earth(message.lat, message.lon, message.alt)
-    return Fix(sender=sender, latitude_e7=message.lat, longitude_e7=message.lon, altitude_mm=message.alt)
 
 
 def _gimbal_limits(message: Any, sender: Sender) -> GimbalLimits:
@@ -273,7 +244,6 @@ READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _position,
     dialect.MAVLINK_MSG_ID_ATTITUDE: _attitude,
     dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: _gimbal_attitude,
-    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _fix,
     dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: _gimbal_limits,
     dialect.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
     dialect.MAVLINK_MSG_ID_TIMESYNC: _timesync,
@@ -281,4 +251,5 @@ READERS: dict[int, Callable[[Any, Sender], Heard | None]] = {
     dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: _gimbal_status,
     dialect.MAVLINK_MSG_ID_CAMERA_INFORMATION: _camera_information,
     dialect.MAVLINK_MSG_ID_CAMERA_SETTINGS: _camera_settings,
+    **ingress_flight.READERS,
 }

@@ -21,7 +21,7 @@ from autopilot.adapters.vehicle.session import Report, Session, Transmit
 from autopilot.adapters.vehicle.signing import Signing, SigningKeyError, open_signing
 from autopilot.adapters.vehicle.transport import Transport, open_transport
 from autopilot.ports.config import VehicleSection
-from autopilot.ports.edges import Clock, InputClass, Offer, Pose
+from autopilot.ports.edges import Clock, InputClass, Offer, Pose, VehicleFacts
 from autopilot.trust.freshness import known_time
 from events.schema.common_pb2 import Place
 
@@ -30,7 +30,7 @@ NOT_KEPT = "signing time not kept"
 
 
 class VehicleLink:
-    """Performs pointing effects over MAVLink 2 and reports what the vehicle says.
+    """Performs effects of pointing and of the flight over MAVLink 2 and reports what the vehicle says.
 
     `place` makes a Place of latitude, longitude (degrees) and altitude (m AMSL), or returns None
     before the origin is set. `on_first_fix` is called once, on the loop, with the first 3D fix, so that
@@ -85,6 +85,10 @@ class VehicleLink:
         """How far the gimbal turns, once it told."""
         return self._session.limits
 
+    def facts(self) -> VehicleFacts:
+        """Return what is known of the vehicle now, for the self-test. On the loop."""
+        return self._session.reports.facts(self._clock.mono_ns())
+
     @property
     def address(self) -> Address | None:
         """Own address, once started."""
@@ -127,7 +131,7 @@ class VehicleLink:
             await asyncio.to_thread(self._raw.stop)
 
     def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
-        """Perform the pointing effect of record `seq`; its life counts from `recorded_mono_ns`."""
+        """Perform the effect of record `seq`; its life counts from `recorded_mono_ns`."""
         deadline_ns = recorded_mono_ns + int(getattr(effect, "life_ms", 0)) * 1_000_000
         self._session.perform(self._clock.mono_ns(), seq, effect, deadline_ns)
         self._turn()

@@ -14,54 +14,68 @@ from dataclasses import dataclass
 from google.protobuf.message import Message
 
 from autopilot.adapters.vehicle import ingress
-from autopilot.adapters.vehicle.attached import Attached, lane_of
-from autopilot.adapters.vehicle.commands import IN_PROGRESS, Exchange, Order, Send
+from autopilot.adapters.vehicle.attached import Attached
+from autopilot.adapters.vehicle.commands import IN_PROGRESS, Send
 from autopilot.adapters.vehicle.egress import (
     ATTITUDE,
-    COMMAND_OF,
+    CURRENT,
     GIMBAL_ATTITUDE,
     GIMBAL_STATUS,
     GLOBAL_POSITION,
     GPS_RAW,
+    HOME,
+    LANDED,
     REQUEST_MESSAGE,
     SET_MESSAGE_INTERVAL,
+    SYSTEM_STATUS,
     SYSTEM_TIME,
     Egress,
-    NotEncodable,
-    check,
 )
 from autopilot.adapters.vehicle.heard import (
     Answer,
     Attitude,
+    Battery,
     CameraInformation,
     CameraSettings,
+    Current,
     Fix,
+    Flown,
     GimbalAttitude,
     GimbalLimits,
     GimbalStatus,
     Heard,
     Heartbeat,
+    Home,
+    ItemCount,
+    ItemGiven,
+    ItemRequest,
+    Landed,
+    MissionAnswer,
     OfCamera,
     OfGimbal,
     Position,
+    Reached,
+    Reception,
     Rejected,
     Sender,
     SystemTime,
     Timesync,
+    Transferred,
     Version,
 )
+from autopilot.adapters.vehicle.performing import ACCEPTED, NOBODY, Performing
 from autopilot.adapters.vehicle.presence import Address, Presence, Vehicle
+from autopilot.adapters.vehicle.reports import Reports
 from autopilot.adapters.vehicle.telemetry import MakePlace, Telemetry
 from autopilot.adapters.vehicle.timesync import Timing, is_question_to
+from autopilot.adapters.vehicle.transfer import Say
 from autopilot.adapters.vehicle.upkeep import Heart, Stream, Streams
 from autopilot.ports.config import VehicleSection
 from autopilot.ports.edges import InputClass
 from events.schema.link_pb2 import VehicleIdentified
-from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
+from events.schema.vehicle_pb2 import VehicleLinkChanged
 
-MAV_RESULT_ACCEPTED = 0
 _UPKEEP = (SET_MESSAGE_INTERVAL, REQUEST_MESSAGE)
-_NOBODY = Sender(system=0, component=0)  # target of an answer from a peer that does not fill it in
 _STREAM_OF: dict[type[Heard], int] = {
     Position: GLOBAL_POSITION,
     Attitude: ATTITUDE,
@@ -69,6 +83,10 @@ _STREAM_OF: dict[type[Heard], int] = {
     Fix: GPS_RAW,
     SystemTime: SYSTEM_TIME,
     GimbalStatus: GIMBAL_STATUS,
+    Reception: GPS_RAW,
+    Battery: SYSTEM_STATUS,
+    Current: CURRENT,
+    Landed: LANDED,
 }
 
 
@@ -113,36 +131,24 @@ class Session:
         self._healthy = healthy
         self._configured_peer = peer
         self._egress = Egress(settings.component_id)
-        self._exchange = Exchange(settings)
         self._presence = Presence(settings)
         self._heart = Heart()
         self._streams = Streams()
         self._version = Stream(once=True)
         self._timing = Timing(settings.time_threshold_ms)
+        self._home = Stream(once=True)
         self._attached = Attached(settings.gimbal_measures)
         self._known: Vehicle | None = None
-        self._state: VehicleStateReported | None = None
         self._fixed = False
         self._out: list[Transmit | Report] = []
+        self.reports = Reports(settings, place)
+        self._performing = Performing(settings, self.reports)
         self.telemetry = Telemetry(settings, place, arrival_tolerance_deg, drift_deg)
         self.rejected: Counter[str] = Counter()
 
     def perform(self, now_ns: int, effect_seq: int, effect: Message, deadline_ns: int) -> None:
         """Take an effect; what comes of it is reported with its seq."""
-        try:
-            check(effect)
-        except NotEncodable:
-            self._exchange.refuse(effect_seq, "not encodable")
-        else:
-            order = Order(
-                effect_seq=effect_seq,
-                effect=effect,
-                command=COMMAND_OF[type(effect)],
-                gimbal=lane_of(effect),
-                deadline_ns=deadline_ns,
-                target=self._attached.target_of(effect),
-            )
-            self._exchange.submit(now_ns, order)
+        self._performing.submit(now_ns, effect_seq, effect, deadline_ns, self._attached.target_of(effect))
         self._collect()
 
     def hear(self, now_ns: int, peer: Address, datagram: bytes) -> None:
@@ -161,21 +167,21 @@ class Session:
         """Do what is due."""
         self._presence.tick(now_ns)
         self._follow(now_ns)
-        self._exchange.tick(now_ns)
+        self._performing.tick(now_ns)
         self._keep_up(now_ns)
         self._collect()
 
     def due_ns(self) -> int:
         """Return when `tick` must be called next."""
-        dues = [self._heart.due_ns(), self._exchange.due_ns(), self._presence.due_ns()]
+        dues = [self._heart.due_ns(), self._performing.due_ns(), self._presence.due_ns()]
         if self._known is not None:
-            dues += [self._streams.due_ns(), self._attached.due_ns()]
+            dues += [self._streams.due_ns(), self._attached.due_ns(), self._home.due_ns()]
             dues += [self._version.due_ns(), self._timing.due_ns()]
         return min(due for due in dues if due is not None)
 
     def sent(self, effect_seq: int) -> None:
         """Learn that the bytes of an effect left."""
-        self._exchange.sent(effect_seq)
+        self._performing.sent(effect_seq)
         self._collect()
 
     def take(self) -> list[Transmit | Report]:
@@ -212,7 +218,7 @@ class Session:
             self._streams.heard(now_ns, _STREAM_OF[type(heard)])
         match heard:
             case Heartbeat():
-                self._state_is(heard)
+                self._report(self.reports.heartbeat(now_ns, heard))
             case Answer():
                 self._answered(now_ns, heard)
             case Position():
@@ -221,11 +227,13 @@ class Session:
             case Attitude():
                 self.telemetry.attitude(now_ns, heard)
             case GimbalAttitude():
+                self.reports.note(now_ns, "gimbal")
                 known = self._known
-                demanded = known is not None and self._attached.is_demand(self._state, known.sender, heard)
+                demanded = known is not None and self._attached.is_demand(self.reports.state, known.sender, heard)
                 self._report_telemetry(self.telemetry.view(now_ns, heard, demanded=demanded))
             case Fix():
                 self._first_fix(heard)
+                self.reports.flown(now_ns, heard)
             case SystemTime():
                 self._on_time(heard.wall_ms)
             case Timesync():
@@ -233,38 +241,43 @@ class Session:
             case Version():
                 self._identified(now_ns, heard)
             case GimbalLimits() | GimbalStatus() | CameraInformation() | CameraSettings():
-                self._report_news(self._attached.hear(now_ns, heard, self._us()))
-                self._report_news(self._attached.described(now_ns, self._state))
+                self._report(self._attached.hear(now_ns, heard, self._us))
+                self._report(self._attached.described(now_ns, self.reports.state))
+            case Battery() | Home() | Landed() | Current() | Reached() | Reception():
+                self._flown(now_ns, heard)
+            case ItemRequest() | MissionAnswer() | ItemCount() | ItemGiven():
+                self._transferred(now_ns, heard)
 
-    def _us(self) -> Sender:
-        return Sender(system=self._presence.system, component=self._settings.component_id)
+    def _flown(self, now_ns: int, heard: Flown) -> None:
+        self._report(self.reports.flown(now_ns, heard))
+        if self.reports.home_is_told:
+            self._home.heard(now_ns)
+
+    def _transferred(self, now_ns: int, heard: Transferred) -> None:
+        """Take a message of the mission protocol, where it is for this node."""
+        if heard.target not in (self._us, NOBODY):
+            self.rejected["mission of another"] += 1
+        elif not self._performing.transferred(now_ns, heard):
+            self.rejected["unmatched mission message"] += 1
+        self._collect()
 
     def _first_fix(self, fix: Position | Fix) -> None:
         if not self._fixed:
             self._fixed = True
             self._on_first_fix(fix.latitude_e7 / 1e7, fix.longitude_e7 / 1e7, fix.altitude_mm / 1000)
 
-    def _state_is(self, heartbeat: Heartbeat) -> None:
-        """Report the state when it changed. As an outcome: one that is lost would never be said again."""
-        state = VehicleStateReported(
-            vehicle=1,
-            system_id=heartbeat.sender.system,
-            autopilot=heartbeat.autopilot,
-            vehicle_type=heartbeat.vehicle_type,
-            armed=heartbeat.armed,
-            custom_mode=heartbeat.custom_mode,
-        )
-        if state != self._state:
-            self._state = state
-            self._out.append(Report(InputClass.OUTCOME, state))
+    @property
+    def _us(self) -> Sender:
+        return Sender(system=self._presence.system, component=self._settings.component_id)
 
     def _identified(self, now_ns: int, version: Version) -> None:
         """Report what the autopilot says that it is, once each time that it comes."""
-        if self._state is not None and self._version.due_ns() is not None:
+        state = self.reports.state
+        if state is not None and self._version.due_ns() is not None:
             identified = VehicleIdentified(
                 vehicle=1,
-                autopilot=self._state.autopilot,
-                vehicle_type=self._state.vehicle_type,
+                autopilot=state.autopilot,
+                vehicle_type=state.vehicle_type,
                 capabilities=version.capabilities,
                 software_version=version.software_version,
                 board_version=version.board_version,
@@ -274,13 +287,13 @@ class Session:
 
     def _timesync(self, now_ns: int, heard: Timesync) -> None:
         """Answer a question that is for us, or take the vehicle's answer; others' talk of the time is their own."""
-        vehicle, us = self._known, Sender(system=self._presence.system, component=self._settings.component_id)
+        vehicle, us = self._known, self._us
         if vehicle is None:
             return
         if is_question_to(us, heard):
             answer = self._egress.timesync(us.system, heard.sender, now_ns, heard.ts1_ns)
             self._out.append(Transmit(vehicle.peer, answer))
-        elif heard.tc1_ns != 0 and heard.sender == vehicle.sender and heard.target in (us, _NOBODY):
+        elif heard.tc1_ns != 0 and heard.sender == vehicle.sender and heard.target in (us, NOBODY):
             compared = self._timing.hear(now_ns, heard)
             if isinstance(compared, str):
                 self.rejected[compared] += 1
@@ -288,13 +301,13 @@ class Session:
                 self._report_telemetry(compared)
 
     def _answered(self, now_ns: int, answer: Answer) -> None:
-        if answer.target not in (self._us(), _NOBODY):
+        if answer.target not in (self._us, NOBODY):
             self.rejected["answer to another"] += 1
         elif answer.command not in _UPKEEP:
-            order = self._exchange.hear(now_ns, answer)
-            if order is None:
-                self.rejected["unmatched answer"] += 1
-            elif answer.result == MAV_RESULT_ACCEPTED:
+            order = self._performing.answered(now_ns, answer)
+            if isinstance(order, str):
+                self.rejected[order] += 1
+            elif answer.result == ACCEPTED:
                 self.telemetry.say_again()
                 self._attached.accepted(now_ns, order.effect)
             elif answer.result != IN_PROGRESS:
@@ -307,11 +320,11 @@ class Session:
         if vehicle == self._known:
             return
         self._known = vehicle
-        self._exchange.aim(None if vehicle is None else vehicle.sender)
+        self._performing.aim(None if vehicle is None else vehicle.sender)
         self._out.append(Report(InputClass.OUTCOME, VehicleLinkChanged(vehicle=1, up=vehicle is not None)))
         self.telemetry.begin()
-        if vehicle is None:
-            self._state = None
+        self.reports.begin()
+        self._home.reset(now_ns)
         self._streams.reset(now_ns)
         self._attached.reset(now_ns)
         self._version.reset(now_ns)
@@ -330,12 +343,13 @@ class Session:
             self._out.append(Transmit(vehicle.peer, self._egress.ask_version(system, vehicle.sender)))
         if (ts1_ns := self._timing.ask(now_ns)) is not None:
             self._out.append(Transmit(vehicle.peer, self._egress.timesync(system, vehicle.sender, 0, ts1_ns)))
-        for message_id in self._attached.wanted(now_ns):
+        wanted = [*self._attached.wanted(now_ns), *([HOME] if self._home.tick(now_ns) else [])]
+        for message_id in wanted:
             self._out.append(Transmit(vehicle.peer, self._egress.ask_message(system, message_id)))
-        self._report_news(self._attached.described(now_ns, self._state))
+        self._report(self._attached.described(now_ns, self.reports.state))
 
-    def _report_news(self, observation: Message | None) -> None:
-        """Report what would never be said again if it was lost."""
+    def _report(self, observation: Message | None) -> None:
+        """Offer what changed, as an outcome: one that is lost would never be said again."""
         if observation is not None:
             self._out.append(Report(InputClass.OUTCOME, observation))
 
@@ -344,18 +358,32 @@ class Session:
             self._out.append(Report(InputClass.TELEMETRY, observation))
 
     def _collect(self) -> None:
-        """Move what the exchange wants to the outputs, encoded."""
-        for item in self._exchange.take():
+        """Move what exchange and transfer want to the outputs, encoded."""
+        for item in self._performing.take():
             if isinstance(item, Send):
                 self._transmit(item)
+            elif isinstance(item, Say):
+                self._say(item)
             else:
-                self._out.append(Report(InputClass.OUTCOME, item))
+                self._report(item)
+
+    def _say(self, say: Say) -> None:
+        peer = self.peer
+        if peer is not None:
+            self._out.append(Transmit(peer, self._egress.say(self._presence.system, say)))
 
     def _transmit(self, send: Send) -> None:
         order, peer = send.order, self.peer
         if peer is None or self._known is None:  # a vehicle that is lost is its own failsafe's business
             return
-        if send.confirmation == 0:
+        if send.confirmation == 0 and not order.flight:
             self.telemetry.pointing.ask(order.effect_seq, order.effect)
-        data = self._egress.effect(self._presence.system, send.target, order.effect, send.confirmation)
+        data = self._egress.effect(
+            self._presence.system,
+            send.target,
+            order.effect,
+            send.confirmation,
+            form=send.form,
+            kind=order.kind,
+        )
         self._out.append(Transmit(peer, data, order.effect_seq))

@@ -30,7 +30,7 @@ from events.schema.common_pb2 import Place
 from events.schema.vehicle_pb2 import GimbalReported, PointAtAngles, PointAtPlace, PositionReported, ReleasePointing
 
 MakePlace = Callable[[float, float, float], Place | None]
-_M_PER_E7 = 0.011132  # metres of a meridian in 1e-7 degrees: near enough for a deadband
+M_PER_E7 = 0.011132  # metres of a meridian in 1e-7 degrees: near enough for a deadband
 SENDERS_MAX = 8  # components of one vehicle with clocks of their own
 
 
@@ -101,7 +101,15 @@ class Telemetry:
         if place is None:
             return None
         self._position = at_ns, heard
-        return PositionReported(vehicle=1, place=place, height_mm=heard.height_mm, heading_cdeg=heard.heading_cdeg)
+        return PositionReported(
+            vehicle=1,
+            place=place,
+            height_mm=heard.height_mm,
+            heading_cdeg=heard.heading_cdeg,
+            east_mm_s=heard.east_cm_s * 10,
+            north_mm_s=heard.north_cm_s * 10,
+            up_mm_s=-heard.down_cm_s * 10,
+        )
 
     def _moved(self, at_ns: int, heard: Position) -> bool:
         """Whether a position is to be reported: it is another than the last one, or that was long ago."""
@@ -111,9 +119,9 @@ class Telemetry:
         since_ns = at_ns - before_ns
         if not self._period_ns <= since_ns < self._again_ns:
             return since_ns >= self._again_ns
-        north_m = (heard.latitude_e7 - before.latitude_e7) * _M_PER_E7
+        north_m = (heard.latitude_e7 - before.latitude_e7) * M_PER_E7
         across = math.cos(math.radians(heard.latitude_e7 / 1e7))
-        east_m = wrapped((heard.longitude_e7 - before.longitude_e7) / 1e7) * 1e7 * _M_PER_E7 * across
+        east_m = wrapped((heard.longitude_e7 - before.longitude_e7) / 1e7) * 1e7 * M_PER_E7 * across
         up_m = (heard.altitude_mm - before.altitude_mm) / 1000
         if math.hypot(north_m, east_m, up_m) > self._settings.position_threshold_m:
             return True

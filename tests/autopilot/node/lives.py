@@ -35,7 +35,7 @@ class FakeEdges:
     """Adapters that do what a test says when they start and stop."""
 
     def __init__(self, on_start: Act, on_stop: Act) -> None:
-        self.mesh = self.vehicle = None
+        self.mesh = self.vehicle = self.selftest = None
         self.eyes = FakeEyes()
         self._on_start, self._on_stop = on_start, on_stop
         self.folders: list[Path] = []  # where raw data belonged into, one after the other

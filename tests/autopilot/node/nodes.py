@@ -101,7 +101,7 @@ class ToldStore:
 def config(**sections: dict[str, Any]) -> Config:
     """Return a configuration that takes orders from role "camera"."""
     given = {"node": {"keys": "k", "flights": "f", "projections": "p"}}
-    taken = {"command": {"enabled": True, "camera_roles": ["camera"]}}
+    taken = {"command": {"enabled": True, "camera_roles": ["camera"], "roi_turns_vehicle": "warn"}}
     return Config.model_validate(given | taken | sections)
 
 

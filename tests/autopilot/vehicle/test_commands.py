@@ -2,67 +2,9 @@
 
 from __future__ import annotations
 
-from google.protobuf.message import Message
-
-from autopilot.adapters.vehicle.commands import Exchange, Order, Send
-from autopilot.adapters.vehicle.egress import COMMAND_OF
-from autopilot.adapters.vehicle.heard import Answer, Sender
+from autopilot.adapters.vehicle.commands import Exchange
 from autopilot.ports.config import VehicleSection
-from events.schema.vehicle_pb2 import CommandAnswered, CommandSent, CommandUnanswered
-from tests.autopilot.vehicle.vehicles import at_angles, at_place, release
-
-AUTOPILOT = Sender(system=1, component=1)
-US = Sender(system=1, component=191)
-EFFECTS = {"place": at_place(), "angles": at_angles(), "release": release()}
-COMMANDS = {name: COMMAND_OF[type(effect)] for name, effect in EFFECTS.items()}
-MS = 1_000_000
-
-
-def _do(exchange: Exchange, now_ns: int, words: list[str]) -> None:
-    """`order SEQ KIND LIFE_MS`, `sent SEQ`, `answer KIND RESULT [PROGRESS]`, `aim on|off`, `tick`."""
-    match words:
-        case ["order", seq, kind, life_ms]:
-            order = Order(
-                effect_seq=int(seq),
-                effect=EFFECTS[kind],
-                command=COMMANDS[kind],
-                gimbal=1,
-                deadline_ns=now_ns + int(life_ms) * MS,
-            )
-            exchange.submit(now_ns, order)
-        case ["sent", seq]:
-            exchange.sent(int(seq))
-        case ["answer", kind, result, *progress]:
-            percent = int(progress[0]) if progress else 0
-            answer = Answer(sender=AUTOPILOT, command=COMMANDS[kind], result=int(result), progress=percent, target=US)
-            exchange.hear(now_ns, answer)
-        case ["aim", word]:
-            exchange.aim(AUTOPILOT if word == "on" else None)
-        case ["tick"]:
-            exchange.tick(now_ns)
-
-
-def _said(item: Send | Message) -> str:
-    match item:
-        case Send():
-            return f"send {item.order.effect_seq} #{item.confirmation}"
-        case CommandSent():
-            return f"sent {item.effect_seq}"
-        case CommandAnswered():
-            return f"answered {item.effect_seq} {item.mav_result} {item.progress}% of {item.attempts}"
-        case CommandUnanswered():
-            return f"unanswered {item.effect_seq} {item.because} of {item.attempts}"
-    return "unexpected"
-
-
-def check_exchange(table: str) -> None:
-    """Run a table of `at_ms | do | expected; expected`."""
-    exchange = Exchange(VehicleSection(answer_timeout_s=0.7, attempts=3, in_progress_timeout_s=3))
-    exchange.aim(AUTOPILOT)
-    for line in table.strip().splitlines():
-        at_ms, words, expected = (cell.strip() for cell in line.split("|"))
-        _do(exchange, int(at_ms) * MS, words.split())
-        assert "; ".join(map(_said, exchange.take())) == expected, line
+from tests.autopilot.vehicle.exchanges import AUTOPILOT, MS, check_exchange, do
 
 
 def test_accepted() -> None:
@@ -72,13 +14,13 @@ def test_accepted() -> None:
         0   | sent 1             | sent 1
         300 | answer place 0     | answered 1 0 0% of 1
         900 | tick               |
-        901 | answer place 0     |
+        901 | answer place 0     | (unmatched answer)
         """
     )
 
 
 def test_every_result_is_passed_on_raw() -> None:
-    for result in (0, 1, 2, 3, 4, 6, 9, 200):
+    for result in (0, 1, 2, 3, 4, 6, 7, 9, 200):
         check_exchange(
             f"""
             0   | order 1 angles 5000     | send 1 #0
@@ -239,7 +181,16 @@ def test_what_is_due_next() -> None:
     exchange = Exchange(VehicleSection(answer_timeout_s=0.7))
     assert exchange.due_ns() is None
     exchange.aim(AUTOPILOT)
-    _do(exchange, 0, ["order", "1", "place", "5000"])
+    do(exchange, 0, ["order", "1", "place", "5000"])
     assert exchange.due_ns() == 700 * MS
-    _do(exchange, 0, ["order", "2", "place", "300"])
+    do(exchange, 0, ["order", "2", "place", "300"])
     assert exchange.due_ns() == 300 * MS
+    do(exchange, 0, ["order", "3", "arm", "9000"])
+    exchange.take()
+    exchange.sent(3)
+    do(exchange, 400 * MS, ["tick"])
+    do(exchange, 700 * MS, ["answer", "place", "0"])
+    do(exchange, 700 * MS, ["answer", "arm", "0"])
+    assert exchange.due_ns() is None
+    do(exchange, 800 * MS, ["order", "4", "arm", "9000"])
+    assert exchange.due_ns() == 3_700 * MS

@@ -19,6 +19,7 @@ from autopilot.adapters.vehicle.heard import (
     GimbalStatus,
     Heard,
     Heartbeat,
+    Reception,
     Rejected,
     Sender,
 )
@@ -139,7 +140,7 @@ def test_a_signature_is_skipped() -> None:
 def test_what_nobody_needs_is_passed_over() -> None:
     assert list(read(packed(dialect.MAVLink_statustext_message(4, b"hello")))) == []
     assert list(read(heartbeat(autopilot=8))) == []
-    assert list(read(gps(2))) == []
+    assert [type(item) for item in read(gps(2, 0, 0))] == [Reception]
     assert list(read(system_time(0))) == []  # the autopilot does not know
 
 

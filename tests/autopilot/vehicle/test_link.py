@@ -154,7 +154,7 @@ def test_a_place_is_accepted_and_the_gimbal_is_seen_to_arrive() -> None:
             pose = link.pose_at(HostClock().mono_ns() - 100_000_000)  # while it may still have moved
             assert pose is not None
             assert pose.camera_pitch_deg == pytest.approx(aircraft.gimbal.pitch_deg, abs=10)
-            assert link.limits.pitch_max_deg == pytest.approx(20)
+            assert link.limits.pitch_deg[1] == pytest.approx(20)
 
     run(story)
 
@@ -162,7 +162,8 @@ def test_a_place_is_accepted_and_the_gimbal_is_seen_to_arrive() -> None:
 @pytest.mark.whole
 def test_lost_answers_are_asked_for_again_and_a_refusal_is_told() -> None:
     async def story() -> None:
-        async with flight(Unkindness(answer_lost=1), answer_timeout_s=0.1, attempts=3) as (aircraft, link, inbox):
+        settings = {"answer_timeout_s": 0.1, "attempts": 3, "late_answer_s": 0}
+        async with flight(Unkindness(answer_lost=1), **settings) as (aircraft, link, inbox):
             await inbox.wait_for(VehicleLinkChanged)
             link.perform(5, at_angles(), HostClock().mono_ns())
             lost = await inbox.wait_for(CommandUnanswered)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
 from autopilot.ports.config import VehicleSection
+from events.schema.safety_pb2 import FlightMode
 from events.schema.vehicle_pb2 import (
     CommandAnswered,
     CommandSent,
@@ -96,14 +99,14 @@ def test_state_and_link_are_told_when_they_change() -> None:
     bench.turn(6)
     bench.hear(7, heartbeat(armed=True, mode=3))
     told = bench.reported(VehicleStateReported, VehicleLinkChanged)
-    state = {"vehicle": 1, "system_id": 1, "autopilot": 3, "vehicle_type": 2}
+    state: dict[str, Any] = {"vehicle": 1, "system_id": 1, "autopilot": 3, "vehicle_type": 2}
     assert told == [
         VehicleLinkChanged(vehicle=1, up=True),
         VehicleStateReported(**state, armed=False, custom_mode=0),
-        VehicleStateReported(**state, armed=True, custom_mode=3),
+        VehicleStateReported(**state, armed=True, custom_mode=3, flight_mode=FlightMode.FLIGHT_MODE_MISSION),
         VehicleLinkChanged(vehicle=1, up=False),
         VehicleLinkChanged(vehicle=1, up=True),
-        VehicleStateReported(**state, armed=True, custom_mode=3),
+        VehicleStateReported(**state, armed=True, custom_mode=3, flight_mode=FlightMode.FLIGHT_MODE_MISSION),
     ]
 
 
@@ -137,10 +140,18 @@ def test_positions_are_thinned_and_wait_for_the_origin() -> None:
     assert bench.reported(PositionReported) == []
     known[0] = True
     for tenth in range(1, 21):
-        bench.hear(tenth / 10, position(tenth * 100, lat=LATITUDE_E7 + tenth * 100))
+        bench.hear(tenth / 10, position(tenth * 100, lat=LATITUDE_E7 + tenth * 100, vx=-1, vy=2, vz=3))
     assert len(bench.reported(PositionReported)) == 4
     (first, *_) = bench.reported(PositionReported)
-    assert first == PositionReported(vehicle=1, place=at_place().place, height_mm=30_000, heading_cdeg=9_000)
+    assert first == PositionReported(
+        vehicle=1,
+        place=at_place().place,
+        height_mm=30_000,
+        heading_cdeg=9_000,
+        north_mm_s=-10,
+        east_mm_s=20,
+        up_mm_s=-30,
+    )
 
 
 def test_an_unknown_heading_is_left_out() -> None:

@@ -13,6 +13,8 @@ from pymavlink.dialects.v20 import common as dialect
 from autopilot.adapters.vehicle.session import Report, Session, Transmit
 from autopilot.ports.config import VehicleSection
 from events.schema.common_pb2 import Place
+from events.schema.mission_pb2 import ArmVehicle, PlannedItem, SetMissionItem, StartMission, UploadMission
+from events.schema.safety_pb2 import FlightMode, FlyToPlace, SetVehicleMode
 from events.schema.vehicle_pb2 import GiveUpGimbal, PointAtAngles, PointAtPlace, ReleasePointing, SetZoom, TakeGimbal
 
 PEER = ("127.0.0.1", 14550)
@@ -44,8 +46,16 @@ def signed(frame: bytes, key: bytes, ticks: int, link_id: int = 0) -> bytes:
     return body + hashlib.sha256(key + body).digest()[:6]
 
 
-def heartbeat(system: int = 1, component: int = 1, *, autopilot: int = 3, armed: bool = False, mode: int = 0) -> bytes:
-    message = dialect.MAVLink_heartbeat_message(2, autopilot, 128 if armed else 0, mode, 4, 3)
+def heartbeat(
+    system: int = 1,
+    component: int = 1,
+    *,
+    autopilot: int = 3,
+    vehicle_type: int = 2,
+    armed: bool = False,
+    mode: int = 0,
+) -> bytes:
+    message = dialect.MAVLink_heartbeat_message(vehicle_type, autopilot, 128 if armed else 0, mode, 4, 3)
     return packed(message, system, component)
 
 
@@ -109,6 +119,50 @@ def at_angles(pitch_cdeg: int = -3_000, yaw_cdeg: int = 9_000, *, yaw_locked: bo
 
 def release() -> ReleasePointing:
     return ReleasePointing(vehicle=1, camera=1, gimbal=1, life_ms=5_000)
+
+
+def mode(name: str, order: str = "") -> SetVehicleMode:
+    return SetVehicleMode(
+        vehicle=1, mode=FlightMode.Value(f"FLIGHT_MODE_{name}"), because="test", life_ms=5_000, order=order
+    )
+
+
+def arm() -> ArmVehicle:
+    return ArmVehicle(vehicle=1, life_ms=5_000)
+
+
+def start() -> StartMission:
+    return StartMission(vehicle=1, life_ms=5_000)
+
+
+def go_to_item(item: int) -> SetMissionItem:
+    return SetMissionItem(vehicle=1, item=item, life_ms=5_000)
+
+
+def fly_to(latitude_e7: int = LATITUDE_E7, longitude_e7: int = LONGITUDE_E7, altitude_mm: int = 540_000) -> FlyToPlace:
+    place = Place(latitude_e7=latitude_e7, longitude_e7=longitude_e7, altitude_mm=altitude_mm)
+    return FlyToPlace(vehicle=1, place=place, life_ms=5_000, order="alice/1")
+
+
+def planned(command: int = 16, north: int = 0, **changes: Any) -> PlannedItem:
+    """Return an item of a plan: located ones `north` steps of some 1.1 m from home, 30 m up."""
+    item = PlannedItem(command=command)
+    if command in (16, 21, 22):
+        item.place.CopyFrom(Place(latitude_e7=LATITUDE_E7 + north * 100, longitude_e7=LONGITUDE_E7))
+        item.height_mm = 30_000
+    for name, value in changes.items():
+        setattr(item, name, value)
+    return item
+
+
+def plan() -> list[PlannedItem]:
+    """Return a copter's plan with each command that there is."""
+    speed = planned(178, parameter_1_e3=1000, parameter_2_e3=8000, parameter_3_e3=-1000)
+    return [planned(22), speed, planned(16, 50, parameter_1_e3=2500), planned(16, 90), planned(20), planned(21)]
+
+
+def upload(items: list[PlannedItem] | None = None, life_ms: int = 120_000) -> UploadMission:
+    return UploadMission(vehicle=1, mission_id="m", items=plan() if items is None else items, life_ms=life_ms)
 
 
 def take() -> TakeGimbal:
