@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Self
 
 from autopilot.cli.demonstration.cast import NODE, Cast, make_cast
 
@@ -156,7 +156,7 @@ class Stage:
         self.world = Process("aircraft", world, logs / "aircraft.log", ready="ready")
         self.node = Process("node", node, logs / "node.log")
 
-    def __enter__(self) -> Stage:
+    def __enter__(self) -> Self:
         """Start everything. Raises ProcessFailed."""
         try:
             for process in self.processes:

@@ -40,6 +40,7 @@ class Consoles:
 
     first: Issuer
     second: Issuer
+    supervisor: Issuer
     viewer: Issuer
     forger: Issuer
 
@@ -47,18 +48,23 @@ class Consoles:
     def of(cls, stage: Stage) -> Consoles:
         """Make a console for each; nothing is connected yet."""
         cast = stage.cast
-        people = (cast.first, cast.second, cast.viewer, cast.forger)
+        people = (cast.first, cast.second, cast.supervisor, cast.viewer, cast.forger)
         return cls(*(Issuer(identity, [stage.endpoint], reconnect_ms=250) for identity in people))
 
     def __enter__(self) -> Consoles:
-        for issuer in (self.first, self.second, self.viewer, self.forger):
+        for issuer in self._all:
             issuer.start()
-        self.first.watch(NODE)
+        for issuer in (self.first, self.supervisor):
+            issuer.watch(NODE)
         return self
 
     def __exit__(self, *_error: object) -> None:
-        for issuer in (self.first, self.second, self.viewer, self.forger):
+        for issuer in self._all:
             issuer.stop()
+
+    @property
+    def _all(self) -> tuple[Issuer, ...]:
+        return self.first, self.second, self.supervisor, self.viewer, self.forger
 
 
 class Story:
