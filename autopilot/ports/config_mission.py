@@ -32,6 +32,9 @@ class MissionSection(Section):
     upload_s: float = Field(
         120, ge=5, le=3600, description="Longest upload with read-back: 700 items on a link that loses a third."
     )
+    camera_pitch_deg: float = Field(
+        -90, ge=-90, le=30, description="Pitch on the way, up positive. A region's search is planned for straight down."
+    )
     follow_by_waypoint: bool = Field(
         False, description="True: what a camera follows gets a waypoint, and the vehicle waits there."
     )

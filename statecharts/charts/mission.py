@@ -5,7 +5,8 @@ the self-test (`selftest`) and, unless configured to begin by itself, for an ord
 then put into the vehicle and read back (`uploading`) before any motor turns. A multirotor is started in the way that
 ArduPilot and PX4 both take: hold (`readying`), arm (`arming`), mission mode (`engaging`), MISSION_START (`starting`).
 Where a pilot starts it, as always with a fixed wing, the node waits until it sees that (`waiting_for_pilot`). In the
-air it watches: what the vehicle says of its mode and of its items is what counts, not what it was told.
+air it watches: what the vehicle says of its mode and of its items is what counts, not what it was told. As it begins
+to fly, cameras that nobody holds are turned down as the plan was made for.
 
 A step that asks something of the vehicle goes on only when the answer or the vehicle's own state says so; it is tried
 `mission_tries` times and then the mission is `paused`, for a person to look at. A vehicle that leaves the mission's

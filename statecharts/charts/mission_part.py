@@ -26,7 +26,7 @@ from events.schema.safety_pb2 import (
     FlightMode,
     SetVehicleMode,
 )
-from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, VehicleLinkChanged
+from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, PointAtAngles, VehicleLinkChanged
 from statecharts.charts.mission import CHART, Facts
 from statecharts.charts.mission_state import EVOLVE, HOMEWARD, VEHICLE, mission
 from statecharts.charts.selftest import selftest
@@ -148,6 +148,8 @@ def _effects(state: State, target: str, because: str) -> tuple[Message, ...]:
             return (item, mode) if now.flown else (mode,)
         case "starting":
             return (StartMission(vehicle=VEHICLE, life_ms=life_ms),)
+        case "flying" if not now.flown:
+            return _look_down(state)
         case "following":
             return (_mode(FLIGHT_MODE_LOITER, because, life_ms),)
         case "paused" if _flies_the_mission(state):
@@ -155,6 +157,24 @@ def _effects(state: State, target: str, because: str) -> tuple[Message, ...]:
         case "aborting":
             return (_mode(FLIGHT_MODE_RETURN, because, life_ms),)
     return ()
+
+
+def _look_down(state: State) -> tuple[Message, ...]:
+    """Turn the cameras that nobody holds as the mission was planned for."""
+    limits = state.flight.limits
+    free = (one for one in state.cameras.values() if one.state == "automatic" and one.gimbal)
+    return tuple(
+        PointAtAngles(
+            vehicle=one.vehicle,
+            camera=one.camera,
+            gimbal=one.gimbal,
+            pitch_cdeg=limits.mission_pitch_cdeg,
+            yaw_cdeg=0,
+            yaw_locked=False,
+            life_ms=limits.own_command_life_ms,
+        )
+        for one in free
+    )
 
 
 def _flies_the_mission(state: State) -> bool:

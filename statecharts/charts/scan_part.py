@@ -75,12 +75,18 @@ def _asked(state: State, key: str, row: Row[Facts], wanted: Poi | None) -> tuple
         place = _spot(state, wanted.poi_id).place if row.target == "following" else wanted.spot.place
         asked = PointAtPlace(place=place, poi_id=wanted.poi_id)
     elif row.target == "zoomed_out" and row.source != "blocked" and limits.scan_enabled and camera.gimbal:
-        asked = PointAtAngles(pitch_cdeg=limits.sweep_pitch_cdeg, yaw_cdeg=0, yaw_locked=False)
+        asked = PointAtAngles(pitch_cdeg=_sweep_pitch_cdeg(state), yaw_cdeg=0, yaw_locked=False)
     else:
         return ()
     asked.vehicle, asked.camera, asked.gimbal = camera.vehicle, camera.camera, camera.gimbal
     asked.life_ms = limits.own_command_life_ms
     return (asked,)
+
+
+def _sweep_pitch_cdeg(state: State) -> int:
+    """Return how far down the camera looks by itself: as the mission was planned for while it is flown."""
+    flies = any(mission.state == "flying" for mission in state.missions.values())
+    return state.flight.limits.mission_pitch_cdeg if flies else state.flight.limits.sweep_pitch_cdeg
 
 
 def _spot(state: State, poi_id: str) -> Spot:

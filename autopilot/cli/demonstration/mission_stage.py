@@ -6,6 +6,7 @@ The mission lies around the simulated home: a waypoint, a region to search with 
 from __future__ import annotations
 
 import json
+import socket
 import sys
 import uuid
 from pathlib import Path
@@ -38,10 +39,18 @@ retry_first_s = 0.5
 class MissionStage(Stage):
     """Folder, cast and processes of the second act."""
 
-    def __init__(self, folder: Path, seed: int, *, personality: str = "ardupilot", frame: str = "copter") -> None:
+    def __init__(
+        self,
+        folder: Path,
+        seed: int,
+        *,
+        personality: str = "ardupilot",
+        frame: str = "copter",
+        speed_up: float = SPEED_UP,
+    ) -> None:
         """Make everything that lies in files. Raises DirectoryError and OSError."""
-        flown_by = ["--pilot", "node", "--personality", personality, "--frame", frame, "--speed-up", f"{SPEED_UP:g}"]
-        super().__init__(folder, 60, seed, flown_by=flown_by)
+        flown_by = ["--pilot", "node", "--personality", personality, "--frame", frame]
+        super().__init__(folder, 60, seed, flown_by=[*flown_by, "--speed-up", f"{speed_up:g}"], door=True)
         self.mission = folder / "mission.json"
         self.mission.write_text(json.dumps(mission(), indent=1))
         text = self.config.read_text()
@@ -49,6 +58,19 @@ class MissionStage(Stage):
         self.config.write_text(text + _CONFIG.format(office=self.ports.office, mission=MISSION))
         office = [sys.executable, "-m", "autopilot.sim.office", "--port", str(self.ports.office), str(self.mission)]
         self.office = Process("mission office", office, folder / "logs" / "office.log", ready="ready")
+
+    def ask_world(self, order: dict[str, Any]) -> dict[str, Any]:
+        """Ask the simulated world at its door (`autopilot.sim.door`), or change it; return its answer. Raises OSError."""
+        with socket.create_connection(("127.0.0.1", self.ports.door), timeout=10) as door, door.makefile("rw") as lines:
+            lines.write(json.dumps(order) + "\n")
+            lines.flush()
+            answer: dict[str, Any] = json.loads(lines.readline())
+            return answer
+
+    def seen_percent(self) -> float:
+        """Return how much of the region the camera has truly seen, in percent. Raises OSError."""
+        corners = [[corner["latitude"], corner["longitude"]] for corner in (_at(*one) for one in REGION_M)]
+        return 100 * float(self.ask_world({"coverage": corners})["coverage"])
 
     @property
     def processes(self) -> tuple[Process, ...]:

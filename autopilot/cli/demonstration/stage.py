@@ -132,7 +132,14 @@ class Stage:
     """Folder, cast and processes of one demo."""
 
     def __init__(
-        self, folder: Path, seconds: float, seed: int, *, hold_s: float = 8.0, flown_by: Sequence[str] = ()
+        self,
+        folder: Path,
+        seconds: float,
+        seed: int,
+        *,
+        hold_s: float = 8.0,
+        flown_by: Sequence[str] = (),
+        door: bool = False,
     ) -> None:
         """Make everything that lies in files; `flown_by` are further arguments of the aircraft's process.
 
@@ -151,6 +158,7 @@ class Stage:
         router = [python, "-m", "autopilot.sim.router", "--listen", self.endpoint]
         world = [python, "-m", "autopilot.sim.process", "--seed", str(seed), "--seconds", str(seconds), "--hold"]
         world += ["--mavlink-port", str(self.ports.mavlink), "--eyes-port", str(self.ports.eyes), *flown_by]
+        world += ["--door-port", str(self.ports.door)] if door else []
         node = [python, "-m", "autopilot.cli.main", "run", "--config", str(self.config)]
         self.router = Process("router", router, logs / "router.log", ready="ready")
         self.world = Process("aircraft", world, logs / "aircraft.log", ready="ready")
