@@ -40,6 +40,7 @@ class MessageType(IntEnum):
     ACK = 2
     STATUS = 3
     COSIGNATURE = 5
+    PRESENCE = 6
 
 
 _PERSON = {
@@ -47,6 +48,7 @@ _PERSON = {
     MessageType.ACK: b"wp.ack.seal.v1",
     MessageType.STATUS: b"wp.sta.seal.v1",
     MessageType.COSIGNATURE: b"wp.cos.seal.v1",
+    MessageType.PRESENCE: b"wp.pre.seal.v1",
 }
 
 
