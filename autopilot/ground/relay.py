@@ -1,9 +1,9 @@
 """The verifying relay: two sessions, and between them only what a relay can verify without a secret.
 
-Orders, cosignatures and presence go inward, acks and status outward, byte for byte as they came. Each kind of key has a gate of
-its own (`autopilot.trust.keyless`). A Directory's documents come in as they are asked for (`relay_documents`). What
-passed waits in a bounded queue for a thread that puts it on the other side, for a put may block and a callback must
-not. Nothing is answered, kept on disk or raised here; everything is counted.
+Orders, cosignatures and presence go inward, acks and status outward, byte for byte as they came. Each kind of key has
+a gate of its own (`autopilot.trust.keyless`). A Directory's documents come in as they are asked for
+(`relay_documents`). What passed waits in a bounded queue for a thread that puts it on the other side, for a put may
+block and a callback must not. Nothing is answered, kept on disk or raised here; everything is counted.
 """
 
 from __future__ import annotations

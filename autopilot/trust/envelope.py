@@ -144,9 +144,11 @@ class Packer:
             raise PackError("no group key is in use now; issue the identity again")
         if not 0 < ttl_ms <= limits.TTL_MS_MAX:
             raise PackError(f"a life of {ttl_ms} ms is outside 1 to {limits.TTL_MS_MAX}")
-        body = SealedBody(content=content)
+        body = SealedBody()
         if order_seq:
             body.order_seq = order_seq
+        if content:  # an explicit default would not be canonical
+            body.content = content
         plaintext = self._random(limits.SALT_BYTES) + body.SerializeToString(deterministic=True)
         if len(plaintext) + limits.TAG_BYTES > ciphertext_limit(message_type):
             raise PackError(f"a message of {len(plaintext)} bytes is too large for its type")
