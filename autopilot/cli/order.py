@@ -23,8 +23,9 @@ from autopilot.cli.order_flight import add_flight_verbs
 from autopilot.ground import compose
 from autopilot.ground.following import Pointing
 from autopilot.ground.issued import FILE, AuditRow, IssuedStore, NotRecorded
-from autopilot.ground.issuer import Issuer, SeenStatus
+from autopilot.ground.issuer import Issuer
 from autopilot.ground.ledger import Answer, Order
+from autopilot.ground.statuses import SeenStatus
 from autopilot.trust.clock import HostClock, wall_ms
 from autopilot.trust.identity import IdentityError, load_identity
 from autopilot.trust.limits import KEY_BYTES, ORDER_TTL_MS, TTL_MS_MAX

@@ -107,7 +107,7 @@ def judged(forge: Forge, clock: Clock | None = None) -> OrderReceived:
     assert isinstance(verdict, Opened), verdict
     made = order_received(verdict)
     arm, asked_of = made.WhichOneof("order"), DeviceCommand.FromString(verdict.content)
-    places = {
+    places: dict[str, tuple[Any, Any]] = {
         "point_at_place": (asked_of.camera_roi, made.point_at_place),
         "fly_to_place": (asked_of.fly_to_waypoint, made.fly_to_place),
     }

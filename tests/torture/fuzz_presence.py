@@ -73,8 +73,8 @@ class Listening:
         assert found.total() + self.told == self.received, (found, self.told, self.received)
         return found
 
-    def _tell(self, _class: InputClass, _message: Message) -> bool:
-        self.told += 1
+    def _tell(self, input_class: InputClass, observation: Message) -> bool:
+        self.told += input_class is InputClass.OUTCOME and observation.IsInitialized()
         return True
 
 

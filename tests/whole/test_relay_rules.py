@@ -31,7 +31,7 @@ from tests.whole.relays import Ears, RelayProcess, authority, free_port, listen,
 pytestmark = pytest.mark.whole
 WASP, HORNET = "wasp-01", "hornet-02"
 LAST = "last"
-NO_LIMITS = dict.fromkeys(("orders_hz", "cosignatures_hz", "acks_hz", "status_hz", "proofs_hz"), 0)
+NO_LIMITS = dict.fromkeys(("orders_hz", "cosignatures_hz", "presence_hz", "acks_hz", "status_hz", "proofs_hz"), 0)
 EVERYBODY = {
     "ground": {"side": "ground", "nodes": [WASP]},
     "node": {"side": "node", "nodes": [WASP]},

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,6 +36,14 @@ def at_epoch_two() -> Identity:
     """Return wasp-01 as it is when epoch 2 is all that it takes."""
     epoch = Epoch(2, epoch_secret(2), NOW_MS, NOW_MS + 24 * HOUR_MS, 1)
     return replace(people().wasp, epochs={2: epoch})
+
+
+def asked_of(desk: Desk) -> list[str]:
+    """Return what is asked of the Directory from now on, as it comes."""
+    asked = list[str]()
+    client: Any = desk.issuer._believing._client
+    client.request = lambda what, _=None: asked.append(what)
+    return asked
 
 
 def next_header(desk: Desk) -> EnvelopeHeader:
@@ -79,8 +88,7 @@ def test_it_listens_for_its_own_bundles_and_asks_for_what_it_hears_of(desk: Desk
     with desk.issuer:
         assert bundle_key("coast-watch", people().alice.sign_key.key_id) in desk.wire.subscriptions
     desk.issuer.watch("wasp-01")
-    asked = list[str]()
-    desk.issuer._believing._client.request = lambda what, _challenge=None: asked.append(what)  # type: ignore[method-assign]
+    asked = asked_of(desk)
     desk.tell(NodeStatus(at_ms=5), at_epoch_two())
     assert asked == ["epoch"]
 
@@ -155,8 +163,7 @@ def test_what_is_not_believed_changes_nothing(desk: Desk) -> None:
 
 def test_a_forged_header_makes_it_ask_for_nothing(desk: Desk) -> None:
     """Only whose signature holds is listened to."""
-    asked = list[str]()
-    desk.issuer._believing._client.request = lambda what, _challenge=None: asked.append(what)  # type: ignore[method-assign]
+    asked = asked_of(desk)
     desk.issuer.watch("wasp-01")
     key = "waypoint/global/status/wasp-01"
     forged = Forge(

@@ -124,7 +124,8 @@ def test_however_many_speak_the_node_is_told_at_most_once_a_period(words: list[t
     """Of fifty people in any order: never twice within the period, and never later than the first word after it."""
     clock, told = FakeClock(), list[int]()
 
-    def offer(_class: InputClass, _message: Message) -> bool:
+    def offer(input_class: InputClass, observation: Message) -> bool:
+        del input_class, observation
         told.append(clock.now_ms)
         return True
 

@@ -41,8 +41,9 @@ class Node:
         else:
             self.adapter._gate = self.judging  # type: ignore[assignment]
 
-    def offer(self, _class: InputClass, observation: Message) -> bool:
+    def offer(self, input_class: InputClass, observation: Message) -> bool:
         """Take it."""
+        del input_class
         self.offered.append(observation)
         return True
 
@@ -81,7 +82,8 @@ def test_a_whole_one_is_offered_and_answered_when_it_is_refused() -> None:
     case = {"key_expr": made["key_expr"], "envelope": made["envelope"]}
     node = Node(case)
     node.adapter._offer = lambda *_: False
-    node.judging._reader = lambda message, content: read_order(message, content, lambda *_: Place())  # type: ignore[assignment,return-value]
+    reading: Any = node.judging
+    reading._reader = lambda message, content: read_order(message, content, lambda *_: Place())
     node.receive(case)
     node.adapter.stop()
     assert [key for key, _, _ in node.wire.puts] == [made["key_expr"].replace("/cmd/", "/ack/")]
