@@ -42,6 +42,8 @@ def words(asked: Asked) -> str:
         case ("angles", camera, int(pitch), int(yaw), locked):
             frame = "from north" if locked else "from the nose"
             return f"point camera {camera} to pitch {pitch / 100:.2f}, yaw {yaw / 100:.2f} {frame}"
+        case ("zoom", camera, int(zoom_e4)):
+            return f"zoom camera {camera} to {zoom_e4 / 100:.2f} % of its range"
         case ("release", camera):
             return f"let go of camera {camera}"
         case (("confirm" | "decline") as word, poi_id):
@@ -104,6 +106,7 @@ _SIGNED: Final[dict[int, Reader]] = {
     20: lambda one, _: ("release", number_of(one, 1) or 1),
     21: lambda one, _: ("confirm", text_of(one, 1)),
     22: lambda one, _: ("decline", text_of(one, 1)),
+    23: lambda one, _: ("zoom", number_of(one, 2) or 1, number_of(one, 1)),
     30: lambda one, _: ("fly", *_signed_place(one)),
     31: lambda one, _: ("mode", _known(text_of(one, 1), MODES)),
     32: lambda one, _: ("override", _known(text_of(one, 1), SCOPES), text_of(one, 2), number_of(one, 3)),
@@ -116,6 +119,7 @@ _RECORDED: Final[dict[int, Reader]] = {
     21: lambda one, _: ("angles", number_of(one, 1), signed_of(one, 2), number_of(one, 3), number_of(one, 4)),
     22: lambda one, _: ("release", number_of(one, 1)),
     23: lambda one, _: ("confirm" if number_of(one, 2) else "decline", text_of(one, 1)),
+    24: lambda one, _: ("zoom", number_of(one, 1), number_of(one, 2)),
     30: lambda one, what: ("fly", *_recorded_place(one, 1, what)),
     31: lambda one, _: ("mode", MODES_RECORDED.get(number_of(one, 1), "")),
     32: lambda one, _: ("override", SCOPES.get(number_of(one, 1), ""), text_of(one, 2), number_of(one, 3)),

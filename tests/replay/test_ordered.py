@@ -77,6 +77,8 @@ def test_who_gave_an_order_is_proved() -> None:
         (compose.judge(COMMAND_ID, confirmed=True), f"confirm finding {COMMAND_ID}"),
         (compose.judge(COMMAND_ID, confirmed=False), f"decline finding {COMMAND_ID}"),
         (compose.point_at_place(-1, -2, -3), "point camera 1 at -1.0000000 -2.0000000, -3.0 m AMSL"),
+        (compose.zoom(30.5), "zoom camera 1 to 30.50 % of its range"),
+        (compose.zoom(0, 2), "zoom camera 2 to 0.00 % of its range"),
         (compose.fly(52.1, -4.3, 60), "fly to 52.1000000 -4.3000000, 60.0 m AMSL, and stay there"),
         *((compose.flight_mode(mode), f"put the vehicle into mode {mode}") for mode in FLIGHT_MODES),
         (compose.flight_mode("hover"), "put the vehicle into mode (none that this version knows)"),
@@ -229,6 +231,8 @@ FOLLOW = compose.follow(COMMAND_ID, 2)
         (FOLLOW, lambda one: setattr(one.follow_poi, "camera", 1)),
         (FOLLOW, lambda one: setattr(one.judge_poi, "poi_id", COMMAND_ID)),
         (FOLLOW, lambda one: one.ClearField("follow_poi")),
+        (compose.zoom(30), lambda one: setattr(one.zoom_camera, "zoom_e4", 3001)),
+        (compose.zoom(30), lambda one: setattr(one.zoom_camera, "camera", 2)),
         (compose.release(), lambda one: setattr(one.mission, "verb", MissionVerb.MISSION_BEGIN)),
     ],
 )
