@@ -46,7 +46,9 @@ class Listening:
         self.random, self.clock = Random(seed), HostClocks()
         self.told = 0
         self.received = 0
-        self.door = PresenceDoor(people().wasp, self.clock, Hearing(self.clock, ("operator",), PERIOD_S, self._tell))
+        self.door = PresenceDoor(
+            people().wasp, self.clock, Hearing(self.clock, frozenset({"operator"}), PERIOD_S, self._tell)
+        )
 
     def throw(self, payload: bytes, key_expr: str = HERE) -> None:
         """Let one sample come in."""

@@ -97,8 +97,9 @@ class MeshAdapter:
         self._fetching = self._fetcher(book) if book else None
         self._proofs = ProofDoor(clock, proving) if proving else None
         self._cosignatures = CosignatureDoor(identity, clock, judge, offer, book) if judge else None
-        self._hearing = Hearing(clock, attending, config.presence_period_s, offer)
-        self._presence = PresenceDoor(identity, clock, self._hearing, book)
+        roles = frozenset(attending)
+        self._hearing = Hearing(clock, roles, config.presence_period_s, offer)
+        self._presence = PresenceDoor(identity, clock, self._hearing, book) if roles else None
 
     def start(self) -> None:
         """Open the session and listen; returns at once, also when no router answers yet."""
@@ -106,7 +107,8 @@ class MeshAdapter:
         self._wire.subscribe(orders_of(node), self.receive)
         if self._cosignatures is not None:
             self._wire.subscribe(cosign_key(node), self._cosignatures.receive)
-        self._wire.subscribe(presences_of(node), self._presence.receive)
+        if self._presence is not None:
+            self._wire.subscribe(presences_of(node), self._presence.receive)
         if self._proofs is not None:
             self._wire.answer(proof_key(node), self._proofs.receive)
         if self._fetching is not None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterable
 
 from google.protobuf.message import DecodeError
 
@@ -32,10 +31,10 @@ OPERATORS = frozenset({PrincipalKind.OPERATOR})
 class Hearing:
     """Tells the node that an operator is heard, thinned."""
 
-    def __init__(self, clock: Clock, roles: Iterable[str], period_s: float, offer: Offer) -> None:
+    def __init__(self, clock: Clock, roles: frozenset[str], period_s: float, offer: Offer) -> None:
         """`roles`: those that count, by their exact names; `period_s`: the node is told at most this often."""
         self._clock = clock
-        self._roles = frozenset(roles)
+        self._roles = roles
         self._period_ns = int(period_s * 1e9)
         self._offer = offer
         self._told_ns: int | None = None

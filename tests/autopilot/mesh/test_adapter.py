@@ -350,7 +350,7 @@ def test_an_effect_of_another_port_is_left_alone() -> None:
 def test_the_threads_send_and_end() -> None:
     node = Node()
     node.adapter.start()
-    assert list(node.wire.subscriptions) == ["waypoint/global/cmd/wasp-01/**", "waypoint/global/heartbeat/wasp-01/*"]
+    assert list(node.wire.subscriptions) == ["waypoint/global/cmd/wasp-01/**"]
     node.adapter.perform(1, ACK, node.clock.mono_ns())
     node.adapter.stop()
     assert node.offered == [(InputClass.OUTCOME, AckPublished(effect_seq=1))]

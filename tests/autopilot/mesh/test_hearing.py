@@ -129,7 +129,7 @@ def test_however_many_speak_the_node_is_told_at_most_once_a_period(words: list[t
         told.append(clock.now_ms)
         return True
 
-    hearing, spoken = Hearing(clock, ("operator",), PERIOD_MS / 1000, offer), list[int]()
+    hearing, spoken = Hearing(clock, frozenset({"operator"}), PERIOD_MS / 1000, offer), list[int]()
     for pause_ms, number in words:
         clock.now_ms += pause_ms
         sender = Sender(
@@ -172,8 +172,11 @@ def test_a_viewer_keeps_no_aircraft_in_the_air() -> None:
     ("attending", "heard"), [((), []), (("pilot",), []), (("operators",), []), (("pilot", "operator"), ["ALICE"])]
 )
 def test_the_role_is_one_of_either_list_by_its_name(attending: tuple[str, ...], heard: list[str]) -> None:
+    """Where nobody may order anything nobody is listened for."""
     node = Node(attending)
-    node.presence()
+    assert (presences_of("wasp-01") in node.wire.subscriptions) == bool(attending)
+    if attending:
+        node.presence()
     node.order()
     assert node.callsigns() == heard
 

@@ -36,10 +36,8 @@ class Node:
         )
         self.adapter.start()
         self.judging = gate(case)
-        if case.get("gate") == "presence":
-            self.adapter._presence._gate = self.judging  # type: ignore[assignment]
-        else:
-            self.adapter._gate = self.judging  # type: ignore[assignment]
+        judged: Any = self.adapter._presence if case.get("gate") == "presence" else self.adapter
+        judged._gate = self.judging
 
     def offer(self, input_class: InputClass, observation: Message) -> bool:
         """Take it."""

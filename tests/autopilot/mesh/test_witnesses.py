@@ -126,7 +126,4 @@ def test_without_a_prover_there_is_no_door() -> None:
     """Nothing is declared that nobody answers."""
     wire = FakeWire()
     MeshAdapter(MeshSection(), people().wasp, FakeClock(), lambda *_: None, lambda *_: True, wire=wire).start()
-    assert (wire.answerers, list(wire.subscriptions)) == (
-        {},
-        ["waypoint/global/cmd/wasp-01/**", "waypoint/global/heartbeat/wasp-01/*"],
-    )
+    assert (wire.answerers, list(wire.subscriptions)) == ({}, ["waypoint/global/cmd/wasp-01/**"])
