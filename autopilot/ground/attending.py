@@ -30,6 +30,7 @@ class Attendance:
         self._believing, self._packer, self._wire, self._statuses = believing, packer, wire, statuses
         self._nodes: frozenset[str] = frozenset()
         self._turns = 0
+        self._lock = threading.Lock()
         self._over = threading.Event()
         self._wanted = threading.Event()
         self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
@@ -41,12 +42,14 @@ class Attendance:
 
     def attend(self, node: str) -> None:
         """Be present at a node from now on."""
-        self._nodes |= {node}
+        with self._lock:
+            self._nodes |= {node}
         self._wanted.set()
 
     def leave(self, node: str) -> None:
         """Be present there no more."""
-        self._nodes -= {node}
+        with self._lock:
+            self._nodes -= {node}
 
     def start(self) -> None:
         """Begin; returns at once."""

@@ -31,7 +31,7 @@ class Renewed:
     def __init__(self, identity: Identity, clock: Clock, wire: Wire) -> None:
         """`start` begins; whoever owns `wire` starts it afterwards."""
         self._clock = clock
-        self._own = identity  # whose token and knowledge of nodes count
+        self._own = identity  # whose token counts
         self._book = TrustBook(identity, TrustClock(clock, host_trusted=True), record=self._taken)
         self._folder = TrustFolder(identity.folder, self._book.offer)
         self._client = TrustClient(

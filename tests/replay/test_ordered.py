@@ -20,7 +20,15 @@ from autopilot.trust import documents, pae
 from autopilot.trust.identity import REVOCATIONS_FILE, ROOT_FILE
 from events.schema.orders_pb2 import MissionVerb, OrderReceived
 from events.schema.safety_pb2 import FLIGHT_MODE_LAND, FLIGHT_MODE_MISSION, FlightMode, OverrideScope
-from events.schema.waypoint_pb2 import AuthEnvelope, DeviceCommand, EnvelopeHeader, PrincipalKind, RevocationList
+from events.schema.waypoint_pb2 import (
+    AuthEnvelope,
+    CameraZoom,
+    DeviceCommand,
+    EnvelopeHeader,
+    PoiFollow,
+    PrincipalKind,
+    RevocationList,
+)
 from events.store import MemoryStore, create_flight
 from replay.proof import prove
 from tests.autopilot.cli.flown import run
@@ -78,6 +86,8 @@ def test_who_gave_an_order_is_proved() -> None:
         (compose.judge(COMMAND_ID, confirmed=False), f"decline finding {COMMAND_ID}"),
         (compose.point_at_place(-1, -2, -3), "point camera 1 at -1.0000000 -2.0000000, -3.0 m AMSL"),
         (compose.zoom(30.5), "zoom camera 1 to 30.50 % of its range"),
+        (DeviceCommand(camera_zoom=CameraZoom(zoom_e4=5)), "zoom camera 1 to 0.05 % of its range"),
+        (DeviceCommand(poi_follow=PoiFollow(poi_id=COMMAND_ID)), f"keep finding {COMMAND_ID} in view with camera 1"),
         (compose.zoom(0, 2), "zoom camera 2 to 0.00 % of its range"),
         (compose.fly(52.1, -4.3, 60), "fly to 52.1000000 -4.3000000, 60.0 m AMSL, and stay there"),
         *((compose.flight_mode(mode), f"put the vehicle into mode {mode}") for mode in FLIGHT_MODES),

@@ -71,9 +71,11 @@ def test_an_epoch_that_begins_while_it_is_open_seals_its_next_order(desk: Desk, 
     assert next_header(desk).epoch_id == 1
     assert gate.judge(*desk.wire.puts[-1][:2]) == Rejected("unknown_epoch")
     bring(desk)
-    assert next_header(desk).epoch_id == 2
-    assert isinstance(gate.judge(*desk.wire.puts[-1][:2]), Opened)
-    desk.issuer.watch("wasp-01")
+    order = desk.send()
+    opened = gate.judge(*desk.wire.puts[-1][:2])
+    assert isinstance(opened, Opened)
+    desk.answer(order, opened.message.digest, at_epoch_two())
+    assert order.answer.state == "final"
     desk.tell(NodeStatus(at_ms=5), at_epoch_two())
     assert desk.issuer.status("wasp-01") is not None
 
@@ -126,6 +128,7 @@ def _token(change: Callable[[IdentityToken], None]) -> bytes:
 def _fresh(token: IdentityToken) -> None:
     token.not_before_ms, token.not_after_ms = NOW_MS + 1, NOW_MS + HOUR_MS
     token.token_id = b"n" * 16
+    token.roles[:] = ["pilot"]
 
 
 def _earlier(token: IdentityToken) -> None:
@@ -139,6 +142,9 @@ def _anothers(token: IdentityToken) -> None:
 def test_a_token_that_was_renewed_is_sent_along(desk: Desk) -> None:
     """The newer one, of this device, that the Directory signed; else the one before."""
     fresh = _token(_fresh)
+    desk.clock.now_ms += 5
+    desk.issuer.watch("wasp-01")
+    desk.tell(NodeStatus(at_ms=5, command_enabled=True, camera_roles=["pilot"]))
     for written, carried in (
         (_token(_anothers), people().alice.token_bytes),
         (b"", people().alice.token_bytes),
@@ -149,6 +155,9 @@ def test_a_token_that_was_renewed_is_sent_along(desk: Desk) -> None:
         (folder_of(desk) / TOKEN_FILE).write_bytes(written)
         desk.issuer.renew()
         assert next_header(desk).token_digest == digest(carried)
+        permitted = desk.issuer.permissions("wasp-01")
+        assert permitted is not None
+        assert permitted[0].allowed == (carried == fresh)
     assert AuthEnvelope.FromString(desk.wire.puts[-1][1]).token == fresh
 
 
