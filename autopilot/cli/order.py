@@ -23,8 +23,9 @@ from autopilot.cli.order_flight import add_flight_verbs
 from autopilot.ground import compose
 from autopilot.ground.following import Pointing
 from autopilot.ground.issued import FILE, AuditRow, IssuedStore, NotRecorded
-from autopilot.ground.issuer import Issuer, SeenStatus
+from autopilot.ground.issuer import Issuer
 from autopilot.ground.ledger import Answer, Order
+from autopilot.ground.statuses import SeenStatus
 from autopilot.trust.clock import HostClock, wall_ms
 from autopilot.trust.identity import IdentityError, load_identity
 from autopilot.trust.limits import KEY_BYTES, ORDER_TTL_MS, TTL_MS_MAX
@@ -37,6 +38,7 @@ examples:
   autopilot order look -30 90 --until arrived --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order zoom 40 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order confirm 0190b5a2-... --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
+  autopilot order watch --attend --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order watch --seconds 10 --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order may --identity keys/alice --connect tcp/127.0.0.1:7447 --to wasp-01
   autopilot order history --identity keys/alice
@@ -85,6 +87,11 @@ def add(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
         judge.add_argument("poi", metavar="POI", help="id of the finding, as the status shows it")
     add_flight_verbs(lambda name, words, command: _verb(verbs, name, words, command), _number)
     watch = _verb(verbs, "watch", "show the node's status as it changes", None)
+    watch.add_argument(
+        "--attend",
+        action="store_true",
+        help="tell the node each second that you are there: without a word of an operator it comes home",
+    )
     watch.add_argument("--seconds", type=float, default=float("inf"), metavar="N", help="stop after N seconds")
     may = _verb(verbs, "may", "say what this operator may do on the node, and why not", None)
     may.set_defaults(look=_may)
@@ -189,6 +196,8 @@ def _exit_code(answer: Answer, pointing: Pointing | None) -> int:
 def _watch(issuer: Issuer, args: argparse.Namespace) -> int:
     ends_s = time.monotonic() + args.seconds
     newest_ms = 0
+    if args.attend:
+        issuer.attend(args.to)
 
     def newer(status: NodeStatus) -> bool:
         return status.at_ms > newest_ms

@@ -11,7 +11,9 @@ A shell and a page both stand on this library:
 It is a library with a thread. Every method may be called from any thread; what is returned is a value, but for `Order`,
 whose `answer` the library replaces. While an order lives it is published each second as a fresh envelope with the same
 id, body and number. An ack changes something only when the gate has verified, opened and decoded it, and the ledger
-found it to answer an envelope of ours; only then a row is written, and only then waiters are told.
+found it to answer an envelope of ours; only then a row is written, and only then waiters are told. While it is open it
+takes newer lists, roots, group keys and an own token as they come (`renewed`), and is present where it is told to be
+(`attending`).
 """
 
 from __future__ import annotations
@@ -22,44 +24,33 @@ import time
 import uuid
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
 from autopilot.adapters.mesh.link import Link, LinkDown, Wire
-from autopilot.ground.following import Commander, Permission, Pointing, attribute, permissions, pointing
+from autopilot.ground.attending import Attendance
+from autopilot.ground.following import Commander, Permission, Pointing, permissions, pointing
 from autopilot.ground.issued import AuditRow, Begun, IssuedStore, NotRecorded
-from autopilot.ground.ledger import GRACE_NS, Answer, Ledger, Order, check_life, read_ack, read_status
-from autopilot.ground.witness import Witness
+from autopilot.ground.ledger import GRACE_NS, Answer, Ledger, Order, check_life, read_ack
+from autopilot.ground.renewed import Renewed
+from autopilot.ground.statuses import NODES, SeenStatus, Statuses
 from autopilot.trust.clock import Clock, HostClock, wall_ms
 from autopilot.trust.envelope import MessageType, Packer, PackError
 from autopilot.trust.gate import Gate
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import Random
-from autopilot.trust.limits import ORDER_TTL_MS
+from autopilot.trust.limits import DOCUMENT_BYTES_MAX, ORDER_TTL_MS
 from autopilot.trust.tally import Tally
 from autopilot.trust.verdict import Opened
-from autopilot.wire.keys import ack_address, acks_of, cosign_key, order_key, proof_key, status_key, status_node
-from events.schema.waypoint_pb2 import CheckpointCosignature, CommandAck, DeviceCommand, NodeStatus, PrincipalKind
+from autopilot.wire.keys import ack_address, acks_of, cosign_key, order_key, proof_key, status_key
+from events.schema.waypoint_pb2 import CheckpointCosignature, CommandAck, DeviceCommand, NodeStatus
 
-NODES = frozenset({PrincipalKind.NODE})
 ANSWER_GRACE_S = GRACE_NS / 1e9
 POINTING_S = 15.0  # longer than a node waits for its gimbal
-CHALLENGE_BYTES = 16
 
 
 class UnknownNode(Exception):
     """Orders are bound to a node's key, and this node's key is not known."""
-
-
-@dataclass(frozen=True, slots=True)
-class SeenStatus:
-    """A node's newest status, verified and opened."""
-
-    node: str
-    status: NodeStatus
-    received_mono_ns: int
-    undated: bool = False  # the node's time was uncertain
 
 
 class Issuer:
@@ -81,17 +72,18 @@ class Issuer:
         self._identity = identity
         self._clock = clock or HostClock()
         self._random = random
-        self._wire = wire or Link(mode=mode, connect=connect, listen=listen, reconnect_ms=reconnect_ms)
-        self._packer = Packer(identity, self._clock, random)
+        self._wire = wire or Link(
+            mode=mode, connect=connect, listen=listen, reconnect_ms=reconnect_ms, answer_bytes_max=DOCUMENT_BYTES_MAX
+        )
+        self._believing = Renewed(identity, self._clock, self._wire)
+        self._packer = Packer(identity, self._clock, random, self._believing)
         self._store = IssuedStore(identity.folder)
         self._unrecorded: list[str] = []
         self._ledger = Ledger(self._record_last_word)
-        self._commanders: dict[tuple[str, int], Commander] = {}
-        self._statuses: dict[str, SeenStatus] = {}
-        self.witness = Witness(identity.folder, identity.deployment_id)
-        self._complaints: dict[str, str] = {}
-        self._node_keys = dict(identity.known_nodes)
         self._watched: set[str] = set()
+        self._heard = Statuses(self._believing, self._clock, self._watched, self._ledger.changed)
+        self.witness = self._heard.witness
+        self._attendance = Attendance(self._believing, self._packer, self._wire, self._heard)
         self._stopped = False
         self._thread = threading.Thread(target=self._run, name="issuer", daemon=True)
         self._ack_gate: Gate[CommandAck] = Gate(
@@ -101,22 +93,16 @@ class Issuer:
             is_ours=self._is_watched_ack,
             reader=read_ack,
             clock=self._clock,
+            believing=self._believing,
             takes_undated=True,  # an ack names the envelope it answers
-        )
-        self._status_gate: Gate[NodeStatus] = Gate(
-            identity,
-            MessageType.STATUS,
-            kinds=NODES,
-            is_ours=lambda key_expr: status_node(key_expr) in self._watched,
-            reader=read_status,
-            clock=self._clock,
-            takes_undated=True,  # it holds the challenge without which such a node takes no order
         )
 
     def start(self) -> None:
         """Begin to connect and to send; returns at once, also when no router answers yet."""
+        self._believing.start()
         self._wire.start()
         self._thread.start()
+        self._attendance.start()
 
     def stop(self) -> None:
         """Stop sending and close."""
@@ -125,6 +111,8 @@ class Issuer:
             self._ledger.changed.notify_all()
         if self._thread.is_alive():
             self._thread.join(timeout=5)
+        self._attendance.stop()
+        self._believing.stop()
         self._wire.stop()
         self._store.close()
 
@@ -142,13 +130,33 @@ class Issuer:
             self._wire.subscribe(acks_of(node), self.receive_ack)
             self._wire.subscribe(status_key(node), self.receive_status)
 
+    def attend(self, node: str) -> None:
+        """Be present at a node until `leave`, as long as this is open: once a second it is told that a person is there.
+
+        That keeps a node whose operators fall silent from coming home, so ask for it where a person looks.
+        """
+        self.watch(node)
+        self._attendance.attend(node)
+
+    def leave(self, node: str) -> None:
+        """Be present at a node no more."""
+        self._attendance.leave(node)
+
+    def attended(self) -> frozenset[str]:
+        """Return the nodes that this is present at."""
+        return self._attendance.nodes
+
+    def renew(self) -> None:
+        """Take newer documents of the identity's folder now; by itself it does so every second. Never raises."""
+        self._believing.turn()
+
     def know_node(self, node: str, public_key: bytes) -> None:
         """Bind orders for `node` to this Ed25519 key (32 bytes)."""
-        self._node_keys[node] = public_key
+        self._heard.node_keys[node] = public_key
 
     def knows(self, node: str) -> bool:
         """Say whether the node's key is known: from its token in the identity's folder, or from its status."""
-        return node in self._node_keys
+        return node in self._heard.node_keys
 
     def send(self, node: str, command: DeviceCommand, life_s: float = ORDER_TTL_MS / 1000) -> Order:
         """Give an order; it is published until its final answer, again every second, for `life_s`.
@@ -158,7 +166,7 @@ class Issuer:
         life outside what a node takes.
         """
         check_life(life_s)
-        key = self._node_keys.get(node)
+        key = self._heard.node_keys.get(node)
         if key is None:
             raise UnknownNode(f"the key of {node} is not known; give it, or wait for the node's status")
         complete = DeviceCommand()
@@ -212,16 +220,16 @@ class Issuer:
 
     def commander(self, node: str, camera: int = 1) -> Commander | None:
         """Return who commanded a camera last, as far as the node's status has said since `watch`; None: unknown."""
-        with self._ledger.changed:
-            return self._commanders.get((node, camera))
+        return self._heard.commander(node, camera)
 
     def permissions(self, node: str) -> tuple[Permission, Permission] | None:
         """Return what this operator may do to a node's cameras and flight, and why not; None before its status."""
-        seen, token = self.status(node), self._identity.token
+        seen, held = self.status(node), self._believing.held
         if seen is None:
             return None
+        token = held.token
         expired = not token.not_before_ms <= wall_ms(self._clock) <= token.not_after_ms
-        revoked = self._identity.revocations.covers(token)
+        revoked = held.revocations.covers(token)
         return permissions(seen.status, token.kind, token.roles, revoked=revoked, expired=expired)
 
     def history(self) -> tuple[AuditRow, ...]:
@@ -235,18 +243,18 @@ class Issuer:
 
     def status(self, node: str) -> SeenStatus | None:
         """Return the newest status of a node, or None before the first."""
-        return self._statuses.get(node)
+        return self._heard.newest(node)
 
     def wait_status(self, node: str, until: Callable[[NodeStatus], bool], timeout_s: float) -> SeenStatus | None:
         """Wait until a node's status satisfies `until`; None when time is up."""
         self.watch(node)
 
         def satisfied() -> bool:
-            seen = self._statuses.get(node)
+            seen = self._heard.newest(node)
             return seen is not None and until(seen.status)
 
         with self._ledger.changed:
-            return self._statuses.get(node) if self._ledger.changed.wait_for(satisfied, timeout_s) else None
+            return self._heard.newest(node) if self._ledger.changed.wait_for(satisfied, timeout_s) else None
 
     def linked(self) -> bool:
         """Say whether a router or peer is connected now."""
@@ -254,7 +262,7 @@ class Issuer:
 
     def tallies(self) -> dict[str, Tally]:
         """Return what the gates of acks and status have counted."""
-        return {"acks": self._ack_gate.tally(), "status": self._status_gate.tally()}
+        return {"acks": self._ack_gate.tally(), "status": self._heard.tally()}
 
     def disbelieved(self) -> dict[str, int]:
         """Return how many authentic acks did not fit an order of ours, by reason."""
@@ -262,17 +270,15 @@ class Issuer:
 
     def complaints(self) -> dict[str, str]:
         """Return the nodes whose signed logs contradict what they signed before, and how."""
-        with self._ledger.changed:
-            return dict(self._complaints)
+        return self._heard.complaints()
 
     def complain(self, node: str, wrong: str) -> None:
         """Note what was found out about a node's log."""
-        with self._ledger.changed:
-            self._complaints[node] = wrong
+        self._heard.complain(node, wrong)
 
     def node_key(self, node: str) -> bytes | None:
         """Return the Ed25519 key of a node, None while it is not known."""
-        return self._node_keys.get(node)
+        return self._heard.node_keys.get(node)
 
     def ask(self, node: str, question: bytes, timeout_s: float) -> list[bytes]:
         """Ask for a consistency proof; return what was answered, by whomever."""
@@ -294,30 +300,7 @@ class Issuer:
 
     def receive_status(self, key_expr: str, payload: bytes) -> None:
         """Judge a sample on a status key; older ones than the newest are ignored. Never raises."""
-        verdict = self._status_gate.judge(key_expr, payload)
-        if not isinstance(verdict, Opened):
-            return
-        sender, node = verdict.message.sender, status_node(key_expr)
-        if node is None or sender.principal_id != node:
-            return
-        wrong = self._bear_witness(node, sender.public_key, verdict.value)
-        with self._ledger.changed:
-            if wrong:
-                self._complaints[node] = wrong
-            before = self._statuses.get(node)
-            undated = not verdict.message.issued_at_ms  # then its at_ms may go back, and forth again
-            if before is None or undated or before.undated or before.status.at_ms <= verdict.value.at_ms:
-                self._statuses[node] = SeenStatus(node, verdict.value, self._clock.mono_ns(), undated)
-                self._node_keys[node] = sender.public_key
-                attribute(self._commanders, node, verdict.value)
-            self._ledger.changed.notify_all()
-
-    def _bear_witness(self, node: str, public_key: bytes, status: NodeStatus) -> str:
-        """Hold a status against what the node signed before; return what is wrong, "" where it fits."""
-        try:
-            return self.witness.see(node, public_key, status)
-        except OSError as error:
-            return f"what it signed can't be kept: {error}"
+        self._heard.receive(key_expr, payload)
 
     def turn(self) -> None:
         """Publish what is due now, and note what was not answered in its time."""
@@ -367,7 +350,7 @@ class Issuer:
                 order.content,
                 ttl_ms=ttl_ms,
                 order_seq=order.order_seq,
-                node_challenge=self._challenge_of(order.node),
+                node_challenge=self._heard.challenge(order.node),
             )
         except PackError as error:
             self._ledger.failed(order, str(error))
@@ -377,12 +360,6 @@ class Issuer:
             self._wire.put(key_expr, packed.envelope, urgent=True)
         except LinkDown:
             self._ledger.postponed(order, now_mono_ns)
-
-    def _challenge_of(self, node: str) -> bytes:
-        """Return the challenge that a node whose time is uncertain wants to see again; empty: it wants none."""
-        seen = self._statuses.get(node)
-        challenge = b"" if seen is None else seen.status.node_challenge
-        return challenge if len(challenge) == CHALLENGE_BYTES else b""
 
     def _run(self) -> None:
         while not self._stopped:

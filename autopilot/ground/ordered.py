@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import NamedTuple
 
+from autopilot.ground.asked import Parts, inner_of, number_of, recorded_order, signed_order, text_of, words
 from autopilot.ground.papers import (
     field_of,
     fields_all,
@@ -29,8 +30,6 @@ ORDER = 20  # kind of the records that hold one
 OPERATOR = 1  # the kind of principals that may order
 SKEW_MS = 5_000
 SALT_BYTES = 32
-
-Parts = list[tuple[int, int | bytes]]
 
 
 class Addressee(NamedTuple):
@@ -102,14 +101,14 @@ def check_order(seq: int, body: bytes, to: Addressee, revoked: Revoked | None = 
         seq=seq,
         command_id=content.command_id,
         principal=sent.principal,
-        callsign=_text(sent.token, 12),
+        callsign=text_of(sent.token, 12),
         roles=tuple(role.decode("utf-8", "replace") for role in fields_all(sent.token, 7)),
         device_key=sent.device_key,
         token_key=to.token_key,
-        issued_at_ms=_number(sent.header, 9),
+        issued_at_ms=number_of(sent.header, 9),
         order_seq=content.order_seq,
         node=to.node,
-        asked=_words(_asked(content.command, what)),
+        asked=words(signed_order(content.command, what)),
         list_version=revoked.version if revoked is not None else None,
     )
 
@@ -140,18 +139,18 @@ def _sent(data: bytes, to: Addressee, what: str) -> _Sent:
     require([field for field, _ in envelope] == [1, 2, 3, 4, 5] and envelope[0] == (1, 1), f"{what}: is no envelope")
     raw_header, raw_token, ciphertext, signature = (field_of(envelope, number, what) for number in (2, 3, 4, 5))
     header = parts_of(raw_header, what)
-    require(_number(header, 1) == 1, f"{what}: the envelope carries no order")
-    require(_text(header, 15) == to.deployment, f"{what}: of another deployment")
+    require(number_of(header, 1) == 1, f"{what}: the envelope carries no order")
+    require(text_of(header, 15) == to.deployment, f"{what}: of another deployment")
     # 2. Token.
     require(field_of(header, 6, what) == _digest(raw_token), f"{what}: the token is not the one that was signed for")
     token = parts_of(signed_body(raw_token, b"waypoint/v1/IdentityToken", [to.token_key], 1, what), what)
     require(name_of(token, 2, what) == to.deployment, f"{what}: the token is of another deployment")
-    require(_number(token, 4) == OPERATOR, f"{what}: the sender is no operator")
+    require(number_of(token, 4) == OPERATOR, f"{what}: the sender is no operator")
     # 3. Device.
     device_key, principal = field_of(token, 5, what), name_of(token, 3, what)
     device_key_id = hashlib.blake2b(device_key, digest_size=16, person=b"wp.keyid.v1").digest()
     require(field_of(header, 5, what) == device_key_id, f"{what}: the token is of another device")
-    require(_text(header, 3) in ("", principal), f"{what}: the token is of another principal")
+    require(text_of(header, 3) in ("", principal), f"{what}: the token is of another principal")
     signed = _pae(b"waypoint/v1/AuthEnvelope/device-signature", raw_header, raw_token, ciphertext)
     signed_by(device_key, signed, signature, what)
     return _Sent(header, token, principal, device_key, device_key_id, _digest(signed))
@@ -159,8 +158,8 @@ def _sent(data: bytes, to: Addressee, what: str) -> _Sent:
 
 def _check_sender(sent: _Sent, revoked: Revoked | None, what: str) -> None:
     """Refuse a token that was not valid then, and a sender on the list, which does not say since when."""
-    issued_at_ms = _number(sent.header, 9)
-    valid = _number(sent.token, 8) - SKEW_MS <= issued_at_ms <= _number(sent.token, 9)
+    issued_at_ms = number_of(sent.header, 9)
+    valid = number_of(sent.token, 8) - SKEW_MS <= issued_at_ms <= number_of(sent.token, 9)
     require(valid, f"{what}: the sender's token was not valid then")
     if revoked is not None:
         named = (
@@ -180,24 +179,24 @@ def _content(record: Parts, sent: _Sent, to: Addressee, what: str) -> _Content:
     command = parts_of(content, what)
     command_id = field_of(command, 1, what).decode("utf-8", "replace")
     key_expr = f"waypoint/global/cmd/{to.node}/{command_id}"
-    require(_text(sent.header, 2) == key_expr, f"{what}: was sent to another node, or under another id")
+    require(text_of(sent.header, 2) == key_expr, f"{what}: was sent to another node, or under another id")
     require(field_of(command, 5, what) == to.node_key, f"{what}: is bound to another node's key")
-    return _Content(command_id, _number(sealed, 1), command, _digest(content))
+    return _Content(command_id, number_of(sealed, 1), command, _digest(content))
 
 
 def _check_recorded(record: Parts, sent: _Sent, content: _Content, what: str) -> None:
-    issuer = _inner(record, 1, what)
+    issuer = inner_of(record, 1, what)
     recorded = {
         "principal": (name_of(issuer, 1, what), sent.principal),
         "device": (field_of(issuer, 3, what), sent.device_key_id),
-        "command_id": (_text(record, 2), content.command_id),
+        "command_id": (text_of(record, 2), content.command_id),
         "body": (field_of(record, 3, what), content.digest),
         "target": (field_of(record, 4, what), field_of(content.command, 5, what)),
-        "number": (_number(record, 5), content.order_seq),
+        "number": (number_of(record, 5), content.order_seq),
         "nonce": (field_of(record, 6, what), field_of(sent.header, 7, what)),
         "answer's reference": (field_of(record, 9, what), sent.digest),
-        "time": (_number(record, 10), _number(sent.header, 9)),
-        "order": (_recorded(record, what), _asked(content.command, what)),
+        "time": (number_of(record, 10), number_of(sent.header, 9)),
+        "order": (recorded_order(record, what), signed_order(content.command, what)),
     }
     for name, (found, true) in recorded.items():
         require(found == true, f"{what}: the {name} was recorded otherwise than it was signed")
@@ -210,75 +209,7 @@ def read_revoked(document: bytes, trust_root: bytes) -> Revoked:
     parts = parts_of(signed_body(document, b"waypoint/v1/RevocationList", [key], 1, what), what)
     require(name_of(parts, 2, what) == deployment, "revocations: of another deployment")
     sets = (frozenset(fields_all(parts, number)) for number in (7, 8, 9))
-    return Revoked(_number(parts, 3), *sets)
-
-
-def _asked(command: Parts, what: str) -> tuple[object, ...]:
-    """Return what a DeviceCommand asks for: its kind and its numbers; ("unknown",) for another kind."""
-    for number, kind in ((10, "place"), (11, "angles"), (20, "release"), (21, "confirm"), (22, "decline")):
-        if fields_all(command, number):
-            inner = _inner(command, number, what)
-            match kind:
-                case "place":
-                    spot = _signed(inner, 1), _signed(inner, 2), _signed(inner, 3) * 100
-                    return (kind, _number(inner, 20) or 1, *spot)
-                case "angles":
-                    return (kind, _number(inner, 20) or 1, _signed(inner, 1), _number(inner, 2), _number(inner, 21))
-                case "release":
-                    return kind, _number(inner, 1) or 1
-                case _:
-                    return kind, _text(inner, 1)
-    return ("unknown",)
-
-
-def _recorded(record: Parts, what: str) -> tuple[object, ...]:
-    """Return what the node recorded as asked, in the same form."""
-    for number, kind in ((20, "place"), (21, "angles"), (22, "release"), (23, "judgement")):
-        if fields_all(record, number):
-            inner = _inner(record, number, what)
-            match kind:
-                case "place":
-                    place = _inner(inner, 2, what)
-                    return (kind, _number(inner, 1), *(_signed(place, field) for field in (1, 2, 3)))
-                case "angles":
-                    return (kind, _number(inner, 1), _signed(inner, 2), _number(inner, 3), _number(inner, 4))
-                case "release":
-                    return kind, _number(inner, 1)
-                case _:
-                    return "confirm" if _number(inner, 2) else "decline", _text(inner, 1)
-    return ("unknown",)
-
-
-def _words(asked: tuple[object, ...]) -> str:
-    match asked:
-        case ("place", camera, int(latitude), int(longitude), int(altitude)):
-            return f"point camera {camera} at {latitude / 1e7:.7f} {longitude / 1e7:.7f}, {altitude / 1000:.1f} m AMSL"
-        case ("angles", camera, int(pitch), int(yaw), locked):
-            frame = "from north" if locked else "from the nose"
-            return f"point camera {camera} to pitch {pitch / 100:.2f}, yaw {yaw / 100:.2f} {frame}"
-        case ("release", camera):
-            return f"let go of camera {camera}"
-        case (("confirm" | "decline") as word, poi_id):
-            return f"{word} finding {poi_id}"
-    return "do something that this version does not know"
-
-
-def _inner(parts: Parts, number: int, what: str) -> Parts:
-    return parts_of(field_of(parts, number, what), what)
-
-
-def _number(parts: Parts, number: int) -> int:
-    return next((value for field, value in parts if field == number and isinstance(value, int)), 0)
-
-
-def _signed(parts: Parts, number: int) -> int:
-    """Return a field of type sint32."""
-    value = _number(parts, number)
-    return (value >> 1) ^ -(value & 1)
-
-
-def _text(parts: Parts, number: int) -> str:
-    return b"".join(fields_all(parts, number)).decode("utf-8", "replace")
+    return Revoked(number_of(parts, 3), *sets)
 
 
 def _digest(data: bytes) -> bytes:

@@ -1,9 +1,9 @@
 """The verifying relay: two sessions, and between them only what a relay can verify without a secret.
 
-Orders and cosignatures go inward, acks and status outward, byte for byte as they came. Each kind of key has a gate of
-its own (`autopilot.trust.keyless`). A Directory's documents come in as they are asked for (`relay_documents`). What
-passed waits in a bounded queue for a thread that puts it on the other side, for a put may block and a callback must
-not. Nothing is answered, kept on disk or raised here; everything is counted.
+Orders, cosignatures and presence go inward, acks and status outward, byte for byte as they came. Each kind of key has
+a gate of its own (`autopilot.trust.keyless`). A Directory's documents come in as they are asked for
+(`relay_documents`). What passed waits in a bounded queue for a thread that puts it on the other side, for a put may
+block and a callback must not. Nothing is answered, kept on disk or raised here; everything is counted.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from autopilot.trust.documents import Trust
 from autopilot.trust.envelope import MessageType
 from autopilot.trust.keyless import KeylessGate, Rates
 from autopilot.trust.window import TokenBucket
-from autopilot.wire.keys import NODE_CHANNELS, PROOFS, Channel, Delivery, Direction, proof_key
+from autopilot.wire.keys import NODE_CHANNELS, PRESENCE, PROOFS, Channel, Delivery, Direction, proof_key
 from events.schema.waypoint_pb2 import EnvelopeHeader, IdentityToken, PrincipalKind
 
 ISSUERS: Final = frozenset({PrincipalKind.OPERATOR, PrincipalKind.SERVICE})
+OPERATORS: Final = frozenset({PrincipalKind.OPERATOR})  # only a person keeps an operators' link up
 NODES: Final = frozenset({PrincipalKind.NODE})
 PROOF_BYTES_MAX: Final = 64  # a question names two sizes and a flight
 PROOF_PATIENCE_S: Final = 2.0
@@ -39,12 +40,17 @@ Counts = dict[str, int]
 
 def node_in(channel: Channel, key_expr: str) -> str | None:
     """Return the node that a key of this channel names; None when it is no such key."""
+    return chunk_in(channel, "<node>", key_expr)
+
+
+def chunk_in(channel: Channel, name: str, key_expr: str) -> str | None:
+    """Return what a key of this channel has for `name`, such as "<principal>"; None when it is no such key."""
     wanted, found = channel.pattern.split("/"), key_expr.split("/")
     if len(wanted) != len(found) or not all(found):
         return None
     if any(part != chunk for part, chunk in zip(wanted, found, strict=True) if not part.startswith("<")):
         return None
-    return found[wanted.index("<node>")]
+    return found[wanted.index(name)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +198,7 @@ class Relay:
         for channel in self._channels:
             side = self._outer if channel.direction is Direction.IN else self._inner
             for node in self._config.nodes:
-                key_expr = channel.pattern.replace("<node>", node).replace("<cmd_id>", "*")
+                key_expr = channel.pattern.replace("<node>", node).replace("<cmd_id>", "*").replace("<principal>", "*")
                 side.subscribe(key_expr, partial(self.receive, channel))
         for node in self._config.nodes:
             self._outer.answer(proof_key(node), partial(self._proofs.receive, proof_key(node)))
@@ -248,7 +254,7 @@ class Relay:
             self._papers.trust,
             self._papers.revocations,
             MessageType(channel.envelope_type or 0),
-            kinds=ISSUERS if inward else NODES,
+            kinds=NODES if not inward else OPERATORS if channel is PRESENCE else ISSUERS,
             is_ours=lambda key_expr: node_in(channel, key_expr) in config.nodes,
             admits=partial(_admitted, config.classification_max, config.owners if inward else None, channel),
             clock=self._clock,
@@ -272,6 +278,8 @@ def _admitted(
     if header.classification > classification_max:
         return "classification"
     if owners is not None and token.principal_id not in owners:
+        return "owner"
+    if channel is PRESENCE and chunk_in(channel, "<principal>", header.key_expr) != token.principal_id:
         return "owner"
     if channel.direction is Direction.OUT and node_in(channel, header.key_expr) != token.principal_id:
         return "owner"

@@ -68,6 +68,9 @@ class RatesSection(Section):
 
     orders_hz: Hz = Field(20, description="Orders of one session.")
     cosignatures_hz: Hz = Field(5, description="Cosignatures of one session.")
+    presence_hz: Hz = Field(
+        20, description="Presence of one session: an operator spreads one a second to each attended node evenly."
+    )
     acks_hz: Hz = Field(0, description="Acks of one session; a node answers what it was sent.")
     status_hz: Hz = Field(20, description="Status of one session.")
     proofs_hz: Hz = Field(5, description="Queries for proofs of one session.")

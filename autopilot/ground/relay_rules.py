@@ -19,6 +19,7 @@ from autopilot.wire.keys import (
     COSIGNATURES,
     DIRECTORY_CHANNELS,
     ORDERS,
+    PRESENCE,
     PROOFS,
     STATUS,
     Channel,
@@ -123,7 +124,7 @@ def _part(channel: Channel, side: Side) -> tuple[Flow, ...]:
 def _key(channel: Channel, node: str, message: str) -> str:
     """Return the keys of a rule. A subscription may be as wide as all orders of a node, a sample has one key."""
     command = "**" if message == "declare_subscriber" else "*"
-    pattern = channel.pattern.replace("<deployment>", "*").replace("<device_key_id>", "*")
+    pattern = channel.pattern.replace("<deployment>", "*").replace("<device_key_id>", "*").replace("<principal>", "*")
     return pattern.replace("<node>", node).replace("<cmd_id>", command)
 
 
@@ -137,6 +138,7 @@ def downsampling(rates: RatesSection) -> list[Settings]:
     limits = (
         (ORDERS, rates.orders_hz),
         (COSIGNATURES, rates.cosignatures_hz),
+        (PRESENCE, rates.presence_hz),
         (ACKS, rates.acks_hz),
         (STATUS, rates.status_hz),
         (PROOFS, rates.proofs_hz),

@@ -103,7 +103,15 @@ def make_edges(
     mesh = vehicle = None
     if config.mesh.connect or config.mesh.listen:
         mesh = MeshAdapter(
-            config.mesh, identity, clock, origin.place_e7, inbox.offer, proving=proving, judge=judge, book=book
+            config.mesh,
+            identity,
+            clock,
+            origin.place_e7,
+            inbox.offer,
+            proving=proving,
+            judge=judge,
+            book=book,
+            attending=(*config.command.camera_roles, *config.command.flight_roles),
         )
     if config.vehicle.connect or config.vehicle.listen:
         vehicle = VehicleLink(

@@ -71,6 +71,12 @@ class MeshSection(Section):
     samples_per_s: int = Field(200, ge=1, le=100_000, description="Token bucket of the gate.")
     samples_burst: int = Field(50, ge=1, le=100_000, description="Depth of the token bucket.")
     status_period_s: float = Field(1.0, ge=0.1, le=60, description="How often NodeStatus is published.")
+    presence_period_s: float = Field(
+        2.0,
+        ge=0.1,
+        le=60,
+        description="That an operator is heard is recorded at most this often: twice within operator_degraded_s (5 s).",
+    )
 
 
 class VehicleSection(Section):

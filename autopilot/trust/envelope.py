@@ -40,6 +40,7 @@ class MessageType(IntEnum):
     ACK = 2
     STATUS = 3
     COSIGNATURE = 5
+    PRESENCE = 6
 
 
 _PERSON = {
@@ -47,6 +48,7 @@ _PERSON = {
     MessageType.ACK: b"wp.ack.seal.v1",
     MessageType.STATUS: b"wp.sta.seal.v1",
     MessageType.COSIGNATURE: b"wp.cos.seal.v1",
+    MessageType.PRESENCE: b"wp.pre.seal.v1",
 }
 
 
@@ -142,9 +144,11 @@ class Packer:
             raise PackError("no group key is in use now; issue the identity again")
         if not 0 < ttl_ms <= limits.TTL_MS_MAX:
             raise PackError(f"a life of {ttl_ms} ms is outside 1 to {limits.TTL_MS_MAX}")
-        body = SealedBody(content=content)
+        body = SealedBody()
         if order_seq:
             body.order_seq = order_seq
+        if content:  # an explicit default would not be canonical
+            body.content = content
         plaintext = self._random(limits.SALT_BYTES) + body.SerializeToString(deterministic=True)
         if len(plaintext) + limits.TAG_BYTES > ciphertext_limit(message_type):
             raise PackError(f"a message of {len(plaintext)} bytes is too large for its type")

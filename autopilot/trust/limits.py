@@ -33,6 +33,7 @@ ROLE_CHARACTERS_MAX: Final = 32
 SKEW_MS: Final = 5_000  # two clocks that are kept may differ by this
 TTL_MS_MAX: Final = 30_000  # a longer life would need a longer memory for nonces
 ORDER_TTL_MS: Final = 10_000  # life of an order when its issuer says nothing else
+PRESENCE_TTL_MS: Final = 3_000  # life of a presence: the next two are under way by then, an older one says nothing
 OVERLAP_MS: Final = 120_000  # an epoch's key opens this long after its retirement
 
 WINDOW_PER_DEVICE: Final = 512  # one device cannot lock the others out

@@ -30,7 +30,7 @@ class Channel:
     """One row of the table."""
 
     name: str
-    pattern: str  # with <node> and <cmd_id> as the seed writes them, <deployment> and <device_key_id>
+    pattern: str  # with <node> and <cmd_id> as the seed writes them, <deployment>, <device_key_id>, <principal>
     direction: Direction
     envelope_type: int | None  # None: a query, in no envelope
     content: str  # message of package waypoint.v1 that is sealed inside
@@ -88,6 +88,19 @@ COSIGNATURES = Channel(
     input_class="outcome",
     recorded=True,
     says="A witness's signature under a checkpoint that the node published.",
+)
+PRESENCE = Channel(
+    name="presence",
+    # The source system's heartbeat/<principal>, bound to one node: an envelope can echo one challenge only.
+    pattern=f"{PREFIX}/heartbeat/<node>/<principal>",
+    direction=Direction.IN,
+    envelope_type=6,
+    content="OperatorPresence",
+    rate_hz=1.0,
+    delivery=Delivery.DROP,
+    input_class="outcome",
+    recorded=True,
+    says="An operator is there and attends this node; recorded thinned, as operator_heard; never answered.",
 )
 PROOFS = Channel(
     name="proofs",
@@ -197,7 +210,7 @@ ENROLMENTS = Channel(
     recorded=False,
     says="A query with an EnrolmentRequest under a code, answered with an EnrolmentAnswer; empty: refused.",
 )
-NODE_CHANNELS = (ORDERS, ACKS, STATUS, COSIGNATURES, PROOFS)
+NODE_CHANNELS = (ORDERS, ACKS, STATUS, COSIGNATURES, PRESENCE, PROOFS)
 DIRECTORY_CHANNELS = (TRUST_ROOTS, REVOCATIONS, EPOCHS, BUNDLES, TIMES, NODES, RENEWALS, ENROLMENTS)
 CHANNELS = (*NODE_CHANNELS, *DIRECTORY_CHANNELS)
 
@@ -228,6 +241,16 @@ def status_key(node: str) -> str:
 def cosign_key(node: str) -> str:
     """Key that cosignatures for `node` are published on."""
     return f"{PREFIX}/cosign/{node}"
+
+
+def presence_key(node: str, principal: str) -> str:
+    """Key that an operator's presence at `node` is published on."""
+    return f"{PREFIX}/heartbeat/{node}/{principal}"
+
+
+def presences_of(node: str) -> str:
+    """Key expression of everybody's presence at `node`."""
+    return f"{PREFIX}/heartbeat/{node}/*"
 
 
 def proof_key(node: str) -> str:

@@ -172,7 +172,7 @@ class EnvelopeHeader(_message.Message):
     DEPLOYMENT_ID_FIELD_NUMBER: _builtins.int
     BODY_COMMITMENT_FIELD_NUMBER: _builtins.int
     type: _builtins.int
-    """1 order, 2 ack, 3 status, 4 event checkpoint, 5 cosignature; binds the payload's type."""
+    """1 order, 2 ack, 3 status, 4 event checkpoint, 5 cosignature, 6 presence; binds the payload's type."""
     key_expr: _builtins.str
     """Exact key that it is published on."""
     owner_principal_id: _builtins.str
@@ -242,7 +242,7 @@ class SealedBody(_message.Message):
     order_seq: _builtins.int
     """Running number of the order, constant over re-publishes."""
     content: _builtins.bytes
-    """Encoded DeviceCommand, CommandAck, NodeStatus or CheckpointCosignature."""
+    """Encoded DeviceCommand, CommandAck, NodeStatus, CheckpointCosignature or OperatorPresence."""
     def __init__(
         self,
         *,
@@ -1460,6 +1460,28 @@ class CheckpointCosignature(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___CheckpointCosignature: _TypeAlias = CheckpointCosignature  # noqa: Y015
+
+@_typing.final
+class OperatorPresence(_message.Message):
+    """An operator is there, sealed, once a second to each node that is attended (docs/orders.md). Who it is, the token says."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HEARD_HEAD_SEQ_FIELD_NUMBER: _builtins.int
+    heard_head_seq: _builtins.int
+    """head_seq of the newest status that was heard of this node; absent: none was, so the way back may be closed."""
+    def __init__(
+        self,
+        *,
+        heard_head_seq: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["heard_head_seq", b"heard_head_seq"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["heard_head_seq", b"heard_head_seq"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___OperatorPresence: _TypeAlias = OperatorPresence  # noqa: Y015
 
 @_typing.final
 class DropCount(_message.Message):

@@ -106,9 +106,13 @@ def judged(forge: Forge, clock: Clock | None = None) -> OrderReceived:
     verdict = gate.judge(forge.key_expr, forge.envelope())
     assert isinstance(verdict, Opened), verdict
     made = order_received(verdict)
-    if made.WhichOneof("order") == "point_at_place":  # the place of a test lies where the order says
-        asked = DeviceCommand.FromString(verdict.content).camera_roi
-        spot = made.point_at_place.place
+    arm, asked_of = made.WhichOneof("order"), DeviceCommand.FromString(verdict.content)
+    places: dict[str, tuple[Any, Any]] = {
+        "point_at_place": (asked_of.camera_roi, made.point_at_place),
+        "fly_to_place": (asked_of.fly_to_waypoint, made.fly_to_place),
+    }
+    if arm in places:  # the place of a test lies where the order says
+        asked, spot = places[arm][0], places[arm][1].place
         spot.latitude_e7, spot.longitude_e7, spot.altitude_mm = asked.lat_e7, asked.lon_e7, asked.altitude_dm * 100
     return made
 

@@ -18,17 +18,38 @@ from autopilot.ground.verifier import check
 from autopilot.node.sealing import Sealer
 from autopilot.trust import documents, pae
 from autopilot.trust.identity import REVOCATIONS_FILE, ROOT_FILE
-from events.schema.orders_pb2 import OrderReceived
-from events.schema.waypoint_pb2 import AuthEnvelope, DeviceCommand, EnvelopeHeader, PrincipalKind, RevocationList
+from events.schema.orders_pb2 import MissionVerb, OrderReceived
+from events.schema.safety_pb2 import FLIGHT_MODE_LAND, FLIGHT_MODE_MISSION, FlightMode, OverrideScope
+from events.schema.waypoint_pb2 import (
+    AuthEnvelope,
+    CameraZoom,
+    DeviceCommand,
+    EnvelopeHeader,
+    PoiFollow,
+    PrincipalKind,
+    RevocationList,
+)
 from events.store import MemoryStore, create_flight
 from replay.proof import prove
 from tests.autopilot.cli.flown import run
 from tests.autopilot.trust.world import COMMAND_ID, NOW_MS, FakeClock, people, resigned, retokened, seeded
 from tests.flights import FLIGHT_ID, SECRET
-from tests.replay.orders import WORDS, addressee, command, forged, judged, of_seq, ordered_flight, recorded
+from tests.replay.orders import (
+    WORDS,
+    addressee,
+    command,
+    command_with,
+    forged,
+    judged,
+    of_seq,
+    ordered_flight,
+    recorded,
+)
 from tests.replay.test_proof import changed, papers, sealed
 
 ORDER_SEQ = 5
+FLIGHT_MODES = ("return", "loiter", "guided", "land")
+SCOPES = ("battery_return", "link_return", "fence_return")
 
 
 def proved(order: OrderReceived) -> ProvedOrder:
@@ -64,6 +85,24 @@ def test_who_gave_an_order_is_proved() -> None:
         (compose.judge(COMMAND_ID, confirmed=True), f"confirm finding {COMMAND_ID}"),
         (compose.judge(COMMAND_ID, confirmed=False), f"decline finding {COMMAND_ID}"),
         (compose.point_at_place(-1, -2, -3), "point camera 1 at -1.0000000 -2.0000000, -3.0 m AMSL"),
+        (compose.zoom(30.5), "zoom camera 1 to 30.50 % of its range"),
+        (DeviceCommand(camera_zoom=CameraZoom(zoom_e4=5)), "zoom camera 1 to 0.05 % of its range"),
+        (DeviceCommand(poi_follow=PoiFollow(poi_id=COMMAND_ID)), f"keep finding {COMMAND_ID} in view with camera 1"),
+        (compose.zoom(0, 2), "zoom camera 2 to 0.00 % of its range"),
+        (compose.fly(52.1, -4.3, 60), "fly to 52.1000000 -4.3000000, 60.0 m AMSL, and stay there"),
+        *((compose.flight_mode(mode), f"put the vehicle into mode {mode}") for mode in FLIGHT_MODES),
+        (compose.flight_mode("hover"), "put the vehicle into mode (none that this version knows)"),
+        *(
+            (compose.override(scope, 90, "it's on fire"), f'hold {scope} off for 90.0 s, because of "it\'s on fire"')
+            for scope in SCOPES
+        ),
+        (compose.override("all", 1, ""), "hold (none that this version knows) off for 1.0 s, because of ''"),
+        (compose.override("link_return", 1, "a\nb"), "hold link_return off for 1.0 s, because of 'a\\nb'"),
+        (compose.acknowledge(17), "take on self-test 17 as it came out"),
+        *((compose.mission(verb), f"{verb} the mission") for verb in ("begin", "pause", "resume", "abort")),
+        (compose.mission("dance"), "do something that this version does not know with the mission"),
+        (compose.follow(COMMAND_ID), f"keep finding {COMMAND_ID} in view with camera 1"),
+        (compose.follow(COMMAND_ID, 2), f"keep finding {COMMAND_ID} in view with camera 2"),
         (DeviceCommand(), "do something that this version does not know"),
     ],
 )
@@ -172,6 +211,58 @@ def test_a_node_that_records_otherwise_is_found_out(change: Callable[[OrderRecei
     assert proved(order)
     change(order)
     check_unproved(order, because)
+
+
+FLY, MODE = compose.fly(52.1, 4.3, 60), compose.flight_mode("loiter")
+OVERRIDE, BEGIN = compose.override("link_return", 90, "in view"), compose.mission("begin")
+FOLLOW = compose.follow(COMMAND_ID, 2)
+
+
+@pytest.mark.parametrize(
+    ("ordered", "change"),
+    [
+        (FLY, lambda one: setattr(one.fly_to_place.place, "latitude_e7", 521_000_001)),
+        (FLY, lambda one: setattr(one.fly_to_place.place, "longitude_e7", -43_000_000)),
+        (FLY, lambda one: setattr(one.fly_to_place.place, "altitude_mm", 60_100)),
+        (FLY, lambda one: one.point_at_place.place.CopyFrom(one.fly_to_place.place)),
+        (MODE, lambda one: setattr(one.set_flight_mode, "mode", FlightMode.FLIGHT_MODE_RETURN)),
+        (MODE, lambda one: setattr(one.set_flight_mode, "mode", FlightMode.FLIGHT_MODE_UNSPECIFIED)),
+        (compose.flight_mode("mission"), lambda one: setattr(one.set_flight_mode, "mode", FLIGHT_MODE_MISSION)),
+        (compose.flight_mode("hover"), lambda one: setattr(one.set_flight_mode, "mode", FLIGHT_MODE_LAND)),
+        (OVERRIDE, lambda one: setattr(one.override_safety, "scope", OverrideScope.OVERRIDE_BATTERY_RETURN)),
+        (OVERRIDE, lambda one: setattr(one.override_safety, "reason", "in sight")),
+        (OVERRIDE, lambda one: setattr(one.override_safety, "held_for_ms", 900_000)),
+        (compose.override("all", 1, "x"), lambda one: setattr(one.override_safety, "scope", 3)),
+        (compose.acknowledge(17), lambda one: setattr(one.acknowledge_selftest, "report_id", 18)),
+        (BEGIN, lambda one: setattr(one.mission, "verb", MissionVerb.MISSION_ABORT)),
+        (BEGIN, lambda one: one.mission.Clear()),
+        (compose.mission("dance"), lambda one: setattr(one.mission, "verb", MissionVerb.MISSION_BEGIN)),
+        (FOLLOW, lambda one: setattr(one.follow_poi, "poi_id", COMMAND_ID[::-1])),
+        (FOLLOW, lambda one: setattr(one.follow_poi, "camera", 1)),
+        (FOLLOW, lambda one: setattr(one.judge_poi, "poi_id", COMMAND_ID)),
+        (FOLLOW, lambda one: one.ClearField("follow_poi")),
+        (compose.zoom(30), lambda one: setattr(one.zoom_camera, "zoom_e4", 3001)),
+        (compose.zoom(30), lambda one: setattr(one.zoom_camera, "camera", 2)),
+        (compose.release(), lambda one: setattr(one.mission, "verb", MissionVerb.MISSION_BEGIN)),
+    ],
+)
+def test_a_node_that_flies_otherwise_than_was_signed_is_found_out(
+    ordered: DeviceCommand, change: Callable[[OrderReceived], object]
+) -> None:
+    """Each value of each order of the flight, and one kind for another."""
+    order = judged(forged(command_with(ordered)))
+    assert proved(order)
+    change(order)
+    check_unproved(order, "order was recorded otherwise")
+
+
+def test_of_two_orders_in_one_the_last_counts_as_it_does_for_a_node() -> None:
+    """Bytes that were signed may hold both arms of a oneof; a node carries out the one behind."""
+    both = command_with(MODE).SerializeToString() + compose.follow(COMMAND_ID).SerializeToString()
+    head = command_with(compose.release()).SerializeToString()
+    twofold = forged(content=head + compose.mission("abort").SerializeToString())
+    assert proved(judged(twofold)).asked == "abort the mission"
+    assert proved(judged(forged(content=both))).asked == f"keep finding {COMMAND_ID} in view with camera 1"
 
 
 def test_an_envelope_is_of_the_node_and_deployment_in_question() -> None:

@@ -23,11 +23,13 @@ from autopilot.trust.gate import Gate
 from autopilot.trust.verdict import Malformed, Opened, Rejected
 from events.schema.common_pb2 import Place
 from tests.autopilot.trust.world import ISSUERS, KEY, FakeClock, people
+from tests.torture.fuzz_presence import share
 from tests.torture.fuzzing import ANY_REJECTION, ELSEWHERE, MALFORMED, OPENED, Case, insider, outsider, splices
 from tests.torture.fuzzing import OUTSIDERS as CHANGED
 
 OUTSIDERS, INSIDERS = 1_000_000, 200_000
 SHARES = 20  # each has a gate of its own, and a seed
+PRESENCE_SHARE = 20  # one of so many samples more is thrown at the door for presence
 STEP_MS = 100  # between two signed samples, so that the window forgets
 GROWTH_BYTES_MAX = 4_000_000  # of one process over a whole share, after its first tenth; an allocator's slack
 Report = Callable[[str], None]
@@ -62,7 +64,10 @@ def run(count: int | None, seed: int, report: Report) -> dict[str, Any]:
         kinds, verdicts, believed = kinds + found.kinds, verdicts + found.verdicts, believed + found.believed
         grown.append(found.grown_bytes)
         report(f"share {number} of {SHARES}: {found.grown_bytes} bytes more")
+    present = outsiders // PRESENCE_SHARE, insiders // PRESENCE_SHARE
+    presence = share(seed, *present)
     return {
+        "presence": {"unauthenticated": present[0], "signed": present[1], "rejected": dict(sorted(presence.items()))},
         "unauthenticated": len(splices()) * SHARES + sum(share.outsiders for share in shares),
         "signed": sum(share.insiders for share in shares),
         "unauthenticated_believed": sum(believed[name] for name in dict(CHANGED)),

@@ -7,7 +7,9 @@ from random import Random
 
 import pytest
 
+from autopilot.wire.keys import presence_key
 from tests.autopilot.trust.world import people
+from tests.torture import fuzz_presence
 from tests.torture.fuzz import Fuzz, Share, located, share_of
 from tests.torture.fuzzing import INSIDERS, OUTSIDERS, Case, insider, originals, outsider, splices
 
@@ -51,6 +53,18 @@ def test_forgeries_leave_no_memory_behind() -> None:
     tracemalloc.stop()
     assert after - before < 20_000
     fuzz.check_untouched()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_sample_of_presence_that_was_changed_and_that_was_signed(seed: int) -> None:
+    """Nobody without a key is heard; what a member signs is counted; the good ones that were changed are heard."""
+    counts = fuzz_presence.share(seed, outsiders=1500, insiders=400)
+    assert counts["presence: unreadable"] > 200
+    assert counts["presence: device_sig"] > 20
+    listening = fuzz_presence.Listening(seed)
+    for payload, who in zip(fuzz_presence.originals(), ("alice", "bob"), strict=True):
+        listening.throw(payload, presence_key("wasp-01", who))
+    assert (listening.told, listening.counts().total()) == (2, 0)
 
 
 def test_it_is_the_same_every_time() -> None:

@@ -14,7 +14,7 @@ from nacl import bindings
 from nacl.exceptions import CryptoError
 
 Value = int | bytes
-PERSONS = {1: b"wp.cmd.seal.v1", 2: b"wp.ack.seal.v1", 3: b"wp.sta.seal.v1", 5: b"wp.cos.seal.v1"}
+PERSONS = {1: b"wp.cmd.seal.v1", 2: b"wp.ack.seal.v1", 3: b"wp.sta.seal.v1", 5: b"wp.cos.seal.v1", 6: b"wp.pre.seal.v1"}
 _LEAF = struct.Struct(">c16sQqQQIqBHB32s32s")
 
 

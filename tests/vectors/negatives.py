@@ -16,7 +16,7 @@ from autopilot.trust import documents, pae
 from autopilot.trust.envelope import MessageType
 from autopilot.trust.identity import Identity
 from autopilot.trust.keys import digest, key_id
-from autopilot.wire.keys import ack_key, order_key
+from autopilot.wire.keys import ack_key, order_key, presence_key
 from events.schema.waypoint_pb2 import AuthEnvelope, EnvelopeHeader, IdentityToken
 from tests.autopilot.trust.world import Forge, resigned
 from tests.vectors import cast
@@ -31,7 +31,17 @@ GOOD = Forge(ALICE, key_expr=KEY, content=order_content(), issued_at_ms=cast.NOW
 
 def negatives() -> list[Vector]:
     """Return every case, in the order of the gate."""
-    groups = (_containers(), _headers(), _reencodings(), _clocks(), _tokens(), _keys(), _moved(), _receivers())
+    groups = (
+        _containers(),
+        _headers(),
+        _reencodings(),
+        _clocks(),
+        _tokens(),
+        _keys(),
+        _moved(),
+        _present(),
+        _receivers(),
+    )
     return [case for group in groups for case in group]
 
 
@@ -199,6 +209,24 @@ def _moved() -> Iterator[Vector]:
     )
     swapped = {"receiver": "alice", "gate": "ack"}
     yield _case("route", "an ack on the key of another order", answer.envelope, ack_key("wasp-01", other), **swapped)
+
+
+def _present() -> Iterator[Vector]:
+    """What does not keep an operators' link up."""
+    here = presence_key("wasp-01", "alice")
+    good = replace(GOOD, message_type=MessageType.PRESENCE, key_expr=here, content=b"\x08\x11", ttl_ms=3_000)
+    at = {"gate": "presence"}
+    as_order = replace(good, key_expr=KEY)
+    yield _case("type", "a presence on the key of orders", as_order.envelope())
+    as_presence = replace(good, message_type=MessageType.ORDER, spoil_header=_set("type", 6))
+    yield _case("open", "sealed as an order, signed as a presence", as_presence.envelope(), here, **at)
+    elsewhere = presence_key("hornet-02", "alice")
+    yield _case("route", "a presence at another node", replace(good, key_expr=elsewhere).envelope(), elsewhere, **at)
+    node = presence_key("wasp-01", "hornet-02")
+    other = replace(good, key_expr=node, identity=cast.identity("hornet-02"))
+    yield _case("token_kind", "a node that is present", other.envelope(), node, **at)
+    stale = replace(good, issued_at_ms=cast.NOW_MS - 8_001)
+    yield _case("clock_stale", "a presence of 3,000 ms, 8,001 ms old", stale.envelope(), here, **at)
 
 
 def _later(outer: AuthEnvelope) -> None:

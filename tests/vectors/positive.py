@@ -1,4 +1,4 @@
-"""Makes the positive vectors: an order, its ack and a status with every intermediate value; papers; a checkpoint."""
+"""Makes the positive vectors: order, ack, status and presence with every value between; papers; a checkpoint."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from autopilot.trust.identity import Identity
 from autopilot.trust.keys import key_id
 from autopilot.trust.notes import Checkpoint, LogKey, sign_note
 from autopilot.trust.pae import ENVELOPE_SEAL, le64, pae
-from autopilot.wire.keys import ack_key, order_key, status_key
+from autopilot.wire.keys import ack_key, order_key, presence_key, status_key
 from events.chain import Chain, salt_of
 from events.records import Moment
 from events.schema.waypoint_pb2 import (
@@ -25,6 +25,7 @@ from events.schema.waypoint_pb2 import (
     DeviceCommand,
     EnvelopeHeader,
     NodeStatus,
+    OperatorPresence,
     ResultState,
     SignedDoc,
 )
@@ -101,7 +102,7 @@ def order_content() -> bytes:
 
 
 def messages() -> Vector:
-    """Return order, ack and status, from their content to the envelope."""
+    """Return order, ack, status and presence, from their content to the envelope."""
     key = order_key("wasp-01", cast.COMMAND_ID)
     order = _message("alice", MessageType.ORDER, key, order_content(), ttl_ms=10_000, order_seq=5)
     said = CommandAck(
@@ -124,7 +125,9 @@ def messages() -> Vector:
     )
     seen = NodeStatus(at_ms=cast.NOW_MS, flight_id=FLIGHT_ID, head_seq=17, health="normal", command_enabled=True)
     status = _message("wasp-01", MessageType.STATUS, status_key("wasp-01"), _bytes(seen), ttl_ms=10_000)
-    return {"order": order, "ack": ack, "status": status}
+    here = OperatorPresence(heard_head_seq=17)
+    presence = _message("alice", MessageType.PRESENCE, presence_key("wasp-01", "alice"), _bytes(here), ttl_ms=3_000)
+    return {"order": order, "ack": ack, "status": status, "presence": presence}
 
 
 def _bytes(message: Message) -> bytes:

@@ -22,7 +22,11 @@ from tests.house import REPO
 
 FOLDER = REPO / "tests/vectors"
 ISSUERS = frozenset({PrincipalKind.OPERATOR, PrincipalKind.SERVICE})
-PREFIXES = {"order": "waypoint/global/cmd/wasp-01/", "ack": "waypoint/global/ack/wasp-01/"}
+PREFIXES = {
+    "order": "waypoint/global/cmd/wasp-01/",
+    "ack": "waypoint/global/ack/wasp-01/",
+    "presence": "waypoint/global/heartbeat/wasp-01/",
+}
 
 
 @cache
@@ -59,11 +63,11 @@ def gate(case: dict[str, Any]) -> Gate[bytes]:
         epochs={1: Epoch(1, secret, now_ms + begins_ms, now_ms + ends_ms, case.get("epoch_needs_list", 12))},
     )
     kind, clock = case.get("gate", "order"), FakeClock(now_ms)
-    nodes = frozenset({PrincipalKind.NODE})
+    nodes, operators = frozenset({PrincipalKind.NODE}), frozenset({PrincipalKind.OPERATOR})
     opens: Gate[bytes] = Gate(
         receiver,
-        {"order": MessageType.ORDER, "ack": MessageType.ACK}[kind],
-        kinds={"order": ISSUERS, "ack": nodes}[kind],
+        {"order": MessageType.ORDER, "ack": MessageType.ACK, "presence": MessageType.PRESENCE}[kind],
+        kinds={"order": ISSUERS, "ack": nodes, "presence": operators}[kind],
         is_ours=lambda key: key.startswith(PREFIXES[kind]),
         reader=_as_it_is,
         clock=clock,

@@ -15,14 +15,23 @@ import pytest
 import zenoh
 
 from autopilot.adapters.mesh.link import session_config
-from autopilot.wire.keys import ack_key, acks_of, cosign_key, order_key, orders_of, proof_key, status_key
+from autopilot.wire.keys import (
+    ack_key,
+    acks_of,
+    cosign_key,
+    order_key,
+    orders_of,
+    presence_key,
+    proof_key,
+    status_key,
+)
 from tests.whole.daemons import wait_for
 from tests.whole.relays import Ears, RelayProcess, authority, free_port, listen, plain, put, relaying, session, shown
 
 pytestmark = pytest.mark.whole
 WASP, HORNET = "wasp-01", "hornet-02"
 LAST = "last"
-NO_LIMITS = dict.fromkeys(("orders_hz", "cosignatures_hz", "acks_hz", "status_hz", "proofs_hz"), 0)
+NO_LIMITS = dict.fromkeys(("orders_hz", "cosignatures_hz", "presence_hz", "acks_hz", "status_hz", "proofs_hz"), 0)
 EVERYBODY = {
     "ground": {"side": "ground", "nodes": [WASP]},
     "node": {"side": "node", "nodes": [WASP]},
@@ -112,7 +121,13 @@ def test_what_is_deleted_passes_nowhere(mesh: Mesh) -> None:
 
 @pytest.mark.parametrize(
     ("key", "limit"),
-    [(order_key(WASP, "a"), 4096), (cosign_key(WASP), 4096), (ack_key(WASP, "a"), 4096), (status_key(WASP), 18_432)],
+    [
+        (order_key(WASP, "a"), 4096),
+        (cosign_key(WASP), 4096),
+        (presence_key(WASP, "a"), 4096),
+        (ack_key(WASP, "a"), 4096),
+        (status_key(WASP), 18_432),
+    ],
 )
 def test_no_sample_is_longer_than_an_envelope_of_its_type(mesh: Mesh, key: str, limit: int) -> None:
     """One byte more is stopped at the door, long before anybody parses it."""

@@ -13,6 +13,7 @@ from typing import Literal
 
 from google.protobuf.message import Message
 
+from autopilot.adapters.mesh.hearing import Hearing, PresenceDoor
 from autopilot.adapters.mesh.link import Link, Wire
 from autopilot.adapters.mesh.orders import Order, order_malformed, order_received, read_order
 from autopilot.adapters.mesh.outbox import ACK_PATIENCE_S, Answer, Outbox
@@ -30,7 +31,7 @@ from autopilot.trust.keys import Random
 from autopilot.trust.limits import DOCUMENT_BYTES_MAX
 from autopilot.trust.tally import Tally
 from autopilot.trust.verdict import Malformed, Rejected
-from autopilot.wire.keys import cosign_key, order_address, orders_of, proof_key
+from autopilot.wire.keys import cosign_key, order_address, orders_of, presences_of, proof_key
 from events.schema.orders_pb2 import AckResult as RecordedResult
 from events.schema.orders_pb2 import OrderMalformed, OrderReceived, SendAck
 from events.schema.waypoint_pb2 import (
@@ -62,6 +63,7 @@ class MeshAdapter:
         proving: Proving | None = None,
         judge: CosignatureJudge | None = None,
         book: TrustBook | None = None,
+        attending: Iterable[str] = (),
     ) -> None:
         """Make the adapter; `start` opens the session.
 
@@ -69,7 +71,8 @@ class MeshAdapter:
         Zenoh's thread and on the outbox's; `refusal` is what to say where it refuses an order.
         `wire` replaces the Zenoh link in tests. With `proving` and `judge` those who watch the
         log find doors of their own (`witnesses`). With `book` what is believed changes in flight; else
-        it is `identity` for good, and `clock` is right.
+        it is `identity` for good, and `clock` is right. Who has a role of `attending` keeps the operators'
+        link up, by presence or by an order.
         """
         self._identity = identity
         self._clock = clock
@@ -94,6 +97,9 @@ class MeshAdapter:
         self._fetching = self._fetcher(book) if book else None
         self._proofs = ProofDoor(clock, proving) if proving else None
         self._cosignatures = CosignatureDoor(identity, clock, judge, offer, book) if judge else None
+        roles = frozenset(attending)
+        self._hearing = Hearing(clock, roles, config.presence_period_s, offer)
+        self._presence = PresenceDoor(identity, clock, self._hearing, book) if roles else None
 
     def start(self) -> None:
         """Open the session and listen; returns at once, also when no router answers yet."""
@@ -101,6 +107,8 @@ class MeshAdapter:
         self._wire.subscribe(orders_of(node), self.receive)
         if self._cosignatures is not None:
             self._wire.subscribe(cosign_key(node), self._cosignatures.receive)
+        if self._presence is not None:
+            self._wire.subscribe(presences_of(node), self._presence.receive)
         if self._proofs is not None:
             self._wire.answer(proof_key(node), self._proofs.receive)
         if self._fetching is not None:
@@ -144,6 +152,7 @@ class MeshAdapter:
         observation = order_malformed(verdict) if isinstance(verdict, Malformed) else order_received(verdict)
         if not self._offer(InputClass.ORDER, observation):
             self._refuse(observation)
+        self._hearing.hear(verdict.message.sender)
 
     def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
         """Perform a `SendAck`: it is sealed and published by the outbox, which offers AckPublished for a last word.
@@ -188,7 +197,7 @@ class MeshAdapter:
         """Return the rejections since the last call by reason, sorted, none of them 0."""
         totals = Counter(self._gate.tally().rejected)
         totals.update({f"trust: {what}": count for what, count in self._not_taken().items()})
-        for door in (self._proofs, self._cosignatures):
+        for door in (self._proofs, self._cosignatures, self._presence):
             totals.update(door.rejected() if door is not None else {})
         fresh = totals - self._taken
         self._taken = totals

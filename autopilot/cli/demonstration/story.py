@@ -54,8 +54,8 @@ class Consoles:
     def __enter__(self) -> Consoles:
         for issuer in self._all:
             issuer.start()
-        for issuer in (self.first, self.supervisor):
-            issuer.watch(NODE)
+        for operator in (self.first, self.second, self.supervisor):
+            operator.attend(NODE)
         return self
 
     def __exit__(self, *_error: object) -> None:

@@ -262,7 +262,7 @@ def test_a_status_by_another_node_is_not_taken(desk: Desk) -> None:
 
 def test_an_unknown_node_is_learned_from_its_status(tmp_path: Path) -> None:
     desk = Desk(tmp_path)
-    desk.issuer._node_keys.clear()
+    desk.issuer._heard.node_keys.clear()
     with pytest.raises(UnknownNode):
         desk.send()
     desk.issuer.watch("wasp-01")
@@ -303,7 +303,9 @@ def test_an_issuer_s_threads_send_and_end(tmp_path: Path) -> None:
         order = desk.issuer.send("wasp-01", compose.release())
         with desk.issuer._ledger.changed:
             assert desk.issuer._ledger.changed.wait_for(lambda: order.envelopes, 20)
-    assert {"waypoint/global/ack/wasp-01/*", "waypoint/global/status/wasp-01"} == set(desk.wire.subscriptions)
+    heard = {key for key in desk.wire.subscriptions if "/trust/" not in key}
+    assert heard == {"waypoint/global/ack/wasp-01/*", "waypoint/global/status/wasp-01"}
+    assert len(desk.wire.subscriptions) == 2 + 3  # newer roots, lists and this device's bundles
     assert replace(order.answer) == Answer()
 
 

@@ -15,10 +15,22 @@ from autopilot.ground.relay_config import VerifySection
 from autopilot.ground.relay_papers import Papers
 from autopilot.trust.envelope import MessageType
 from autopilot.trust.identity import Identity
-from autopilot.wire.keys import ACKS, COSIGNATURES, ORDERS, STATUS, Channel, ack_key, cosign_key, proof_key, status_key
-from events.schema.waypoint_pb2 import EnvelopeHeader
+from autopilot.wire.keys import (
+    ACKS,
+    COSIGNATURES,
+    ORDERS,
+    PRESENCE,
+    STATUS,
+    Channel,
+    ack_key,
+    cosign_key,
+    presence_key,
+    proof_key,
+    status_key,
+)
+from events.schema.waypoint_pb2 import EnvelopeHeader, PrincipalKind
 from tests.autopilot.ground.relay_desk import Asked
-from tests.autopilot.trust.world import COMMAND_ID, KEY, NOW_MS, FakeClock, FakeWire, Forge, people
+from tests.autopilot.trust.world import COMMAND_ID, KEY, NOW_MS, FakeClock, FakeWire, Forge, people, retokened
 
 WITHIN_S = 10.0
 ACK = ack_key("wasp-01", COMMAND_ID)
@@ -47,9 +59,11 @@ def sealed(identity: Identity, message_type: MessageType, key_expr: str, seq: in
     return Forge(identity, message_type, key_expr, seq=seq).envelope()
 
 
+HERE = presence_key("wasp-01", "alice")
 INWARD = [
     (ORDERS, KEY, MessageType.ORDER),
     (COSIGNATURES, cosign_key("wasp-01"), MessageType.COSIGNATURE),
+    (PRESENCE, HERE, MessageType.PRESENCE),
 ]
 OUTWARD = [
     (ACKS, ACK, MessageType.ACK),
@@ -87,6 +101,10 @@ def test_what_a_node_signed_goes_outward_as_it_came(channel: Channel, key: str, 
         (STATUS, status_key("wasp-01"), MessageType.STATUS, "hornet", "owner"),
         (ACKS, ack_key("hornet-02", COMMAND_ID), MessageType.ACK, "hornet", "route"),
         (ORDERS, KEY, MessageType.ACK, "alice", "type"),
+        (PRESENCE, HERE, MessageType.PRESENCE, "bob", "owner"),
+        (PRESENCE, presence_key("wasp-01", "wasp-01"), MessageType.PRESENCE, "wasp", "token_kind"),
+        (PRESENCE, presence_key("hornet-02", "alice"), MessageType.PRESENCE, "alice", "route"),
+        (PRESENCE, HERE, MessageType.ORDER, "alice", "type"),
     ],
 )
 def test_what_is_not_its_senders_to_say_stays(
@@ -114,6 +132,17 @@ def test_owners_are_those_that_are_named(verify: dict[str, Any], expected: dict[
     assert counts["orders"] == {"received": 1, **expected}
 
 
+def test_a_service_keeps_no_operators_link_up() -> None:
+    """It may cosign; it is nobody who looks."""
+    serving = retokened(people().alice, lambda token: setattr(token, "kind", PrincipalKind.SERVICE))
+    counts = Wires().after(
+        (PRESENCE, HERE, sealed(serving, MessageType.PRESENCE, HERE)),
+        (COSIGNATURES, cosign_key("wasp-01"), sealed(serving, MessageType.COSIGNATURE, cosign_key("wasp-01"), 2)),
+    )
+    assert counts["presence"] == {"received": 1, "passed": 0, "token_kind": 1}
+    assert counts["cosignatures"] == {"received": 1, "passed": 1}
+
+
 def test_owners_are_asked_of_what_goes_inward_only() -> None:
     """A node answers, whoever may order it."""
     counts = Wires(owners=()).after((ACKS, ACK, sealed(people().wasp, MessageType.ACK, ACK)))
@@ -128,12 +157,13 @@ def test_what_is_classified_too_high_stays(header: int, most: int, because: str)
 
 
 def test_it_listens_to_what_it_relays_and_to_nothing_else() -> None:
-    """Orders outside, answers inside; only of the nodes that are named."""
+    """Orders and presence outside, answers inside; only of the nodes that are named."""
     wires = Wires()
     wires.after()
     assert sorted(wires.outer.subscriptions) == [
         "waypoint/global/cmd/wasp-01/*",
         "waypoint/global/cosign/wasp-01",
+        "waypoint/global/heartbeat/wasp-01/*",
         "waypoint/global/trust/coast-watch/epoch/*",
         "waypoint/global/trust/coast-watch/revocations",
         "waypoint/global/trust/coast-watch/trust_root",

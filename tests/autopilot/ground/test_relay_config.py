@@ -183,6 +183,8 @@ def test_the_ground_gives_orders_and_hears_answers() -> None:
             ("egress", "declare_subscriber", "waypoint/global/cmd/n/**"),
             ("ingress", "put", "waypoint/global/cosign/n"),
             ("egress", "declare_subscriber", "waypoint/global/cosign/n"),
+            ("ingress", "put", "waypoint/global/heartbeat/n/*"),
+            ("egress", "declare_subscriber", "waypoint/global/heartbeat/n/*"),
             ("egress", "put", "waypoint/global/ack/n/*"),
             ("ingress", "declare_subscriber", "waypoint/global/ack/n/**"),
             ("egress", "put", "waypoint/global/status/n"),

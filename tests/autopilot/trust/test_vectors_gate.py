@@ -41,10 +41,10 @@ def test_each_counter_has_a_vector() -> None:
 
 
 def test_each_vector_is_there_once() -> None:
-    assert len({(case["counter"], case["name"]) for case in CASES}) == len(CASES) == 94
+    assert len({(case["counter"], case["name"]) for case in CASES}) == len(CASES) == 99
 
 
-@pytest.mark.parametrize(("name", "receiver"), [("order", "wasp-01"), ("ack", "alice")])
+@pytest.mark.parametrize(("name", "receiver"), [("order", "wasp-01"), ("ack", "alice"), ("presence", "wasp-01")])
 def test_the_positives_open(name: str, receiver: str) -> None:
     message = POSITIVE["messages"][name]
     verdict = gate({"gate": name, "receiver": receiver}).judge(message["key_expr"], bytes.fromhex(message["envelope"]))
