@@ -49,7 +49,10 @@ class OneMaster(Monitor):
 
 
 class HandsOff(Monitor):
-    """The node itself moves no camera that somebody has, or that rests, and none where it may not at all."""
+    """The node itself moves no camera that somebody has, or that rests, and none where it may not at all.
+
+    Where the scan is switched off it moves one to follow what it was ordered to, and as a mission begins to fly.
+    """
 
     kinds = ("moved", *_POINTING)
 
@@ -66,8 +69,14 @@ class HandsOff(Monitor):
                 continue
             if self._cameras.get(f"{effect.vehicle}/{effect.camera}", "automatic") != "automatic":
                 yield "hands_off", f"record {record.seq} moves a camera that the node does not have"
-            if not self.limits.scan_enabled:
+            if not self.limits.scan_enabled and not _was_asked_for(step):
                 yield "hands_off", f"record {record.seq} moves a camera where that is switched off"
+
+
+def _was_asked_for(step: Step) -> bool:
+    """Whether a person had the node follow a finding, or a mission begins that wants its cameras down."""
+    follows = any(move.to_state == "following" for move in moves_of(step, "scan"))
+    return follows or any(move.to_state == "flying" for move in moves_of(step, "mission"))
 
 
 class NobodyIsFought(Monitor):

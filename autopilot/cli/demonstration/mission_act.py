@@ -80,7 +80,8 @@ class MissionAct:
         self.say(f"The mission is over: {one.because}.")
         self._wait(lambda status: not status.armed, "the landing", FLOWN_WITHIN_S)
         self._wait(lambda status: status.mission.state in ("landed", "done"), "the mission's end", 20)
-        self.say("Landed and disarmed.")
+        seen = self.stage.seen_percent()
+        self.say(f"Landed and disarmed. Of the region that was to be searched the camera has truly seen {seen:.1f} %.")
 
     def _order(self, issuer: Issuer, command: DeviceCommand, result: str) -> None:
         answer = issuer.wait(issuer.send(NODE, command, ORDER_LIFE_S))

@@ -55,12 +55,15 @@ class MissionStage(Stage):
         self.mission.write_text(json.dumps(mission(), indent=1))
         text = self.config.read_text()
         text = text.replace("[command]\n", '[command]\nflight_roles = ["supervisor"]\n')
+        text = text.replace(
+            "[scan]\nenabled = true", "[scan]\nenabled = false"
+        )  # it searches, and looks at nothing else
         self.config.write_text(text + _CONFIG.format(office=self.ports.office, mission=MISSION))
         office = [sys.executable, "-m", "autopilot.sim.office", "--port", str(self.ports.office), str(self.mission)]
         self.office = Process("mission office", office, folder / "logs" / "office.log", ready="ready")
 
     def ask_world(self, order: dict[str, Any]) -> dict[str, Any]:
-        """Ask the simulated world at its door (`autopilot.sim.door`), or change it; return its answer. Raises OSError."""
+        """Ask the simulated world at its door (`sim.door`), or change it; return its answer. Raises OSError."""
         with socket.create_connection(("127.0.0.1", self.ports.door), timeout=10) as door, door.makefile("rw") as lines:
             lines.write(json.dumps(order) + "\n")
             lines.flush()
