@@ -95,7 +95,7 @@ WORDS = {
         "fac~ts/": _CITE,
     }.items()
 }
-ENTRY_POINTS = ("__main__", "docs.generate", "autopilot.sim.office")
+ENTRY_POINTS = ("__main__", "docs.generate")
 
 
 def size_findings(source: Source) -> Iterator[str]:

@@ -132,3 +132,16 @@ def test_the_whole_story(tmp_path: Path) -> None:
     assert [row["duplicates"] > 0 for row in bundle["audit"] if row["result"] == "accepted"].count(True) >= 2
     assert sum(item["muted"] for item in bundle["ignored_items"]) > 0
     assert re.search(r"published [2-9] times, and done once", run.stderr)
+
+
+def test_a_mission_from_the_office_to_the_landing(tmp_path: Path) -> None:
+    """The second act: it is flown once, nothing that must not be was seen, and all of its region was."""
+    command = [AUTOPILOT, "demo", "--act", "mission", "--dir", str(tmp_path / "here"), "--json"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
+    assert run.returncode == 0, run.stderr[-3000:]
+    summary = json.loads(run.stdout)["mission"]
+    assert summary["replay"] == "identical"
+    assert summary["orders"] == {"accepted": 1, "rejected": 0, "timeout": 0, "unsupported": 0, "unauthorised": 1}
+    assert "BROKEN" not in run.stderr
+    (seen,) = re.findall(r"truly seen ([0-9.]+) %", run.stderr)
+    assert float(seen) >= 98

@@ -16,7 +16,7 @@ from autopilot.cli.demonstration.stage import Process, Stage
 from autopilot.geo.frame import offset
 from autopilot.sim.aircraft import HOME
 
-SPEED_UP = 3.0
+SPEED_UP = 4.0
 HEIGHT_M = 30.0
 MISSION = uuid.uuid5(uuid.NAMESPACE_URL, "autopilot demo mission")
 REGION_M = ((20.0, 20.0), (110.0, 20.0), (110.0, 90.0), (20.0, 90.0))  # east, north of home
