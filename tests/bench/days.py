@@ -93,7 +93,7 @@ def config(thinned: bool = True) -> Config:
     return Config.model_validate(
         {
             "node": {"keys": "k", "flights": "f", "projections": "p"},
-            "command": {"enabled": True, "camera_roles": ["camera"]},
+            "command": {"enabled": True, "camera_roles": ["camera"], "roi_turns_vehicle": "warn"},
             "vehicle": vehicle if thinned else vehicle | full,
             "eyes": {} if thinned else {"empty_frame_period_s": 0},
         }

@@ -52,6 +52,7 @@ projections = {projections}
 [command]
 enabled = true
 camera_roles = ["camera"]
+roi_turns_vehicle = "warn" # the vehicle here tells of no gimbal
 [mesh]
 connect = [{connect}]
 reconnect_ms = 100
