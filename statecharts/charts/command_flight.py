@@ -14,9 +14,12 @@ from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, S
 
 if TYPE_CHECKING:
     from statecharts.charts.command import Facts
+    from statecharts.state import State
 
 MISSION_VERBS = ("mission", "acknowledge")
 VEHICLE = 1  # orders name no vehicle: there is one
+# States of the chart `safety` in which a failsafe has its way, or waits to have it.
+DEMANDING = ("unreachable", "overruled", "complying", "pending", "landing", "returning")
 
 # In which states of the mission what may be asked of it.
 MAY_ASK: dict[str, tuple[str, ...]] = {
@@ -49,6 +52,33 @@ def not_at_that(facts: Facts) -> bool:
     now = facts.state.missions.get(VEHICLE)
     state = "idle" if now is None else now.state
     return facts.order.verb == "mission" and state not in MAY_ASK.get(facts.order.asked, ())
+
+
+def begins_armed(facts: Facts) -> bool:
+    """The mission is to begin with a vehicle that is armed: somebody else has it."""
+    vehicle = facts.state.vehicles.get(VEHICLE)
+    return facts.order.verb == "mission" and facts.order.asked == "begin" and vehicle is not None and vehicle.armed
+
+
+def mission_unheard(facts: Facts) -> bool:
+    """The mission is to be paused or resumed while the vehicle is not heard, and there is a plan to fly."""
+    vehicle, planned = facts.state.vehicles.get(VEHICLE), VEHICLE in facts.state.plans
+    return _holds_or_resumes(facts) and planned and (vehicle is None or not vehicle.link)
+
+
+def against_failsafe(facts: Facts) -> bool:
+    """The mission is to be paused or resumed while a failsafe brings the vehicle home or down."""
+    return _holds_or_resumes(facts) and failsafe_flies(facts.state)
+
+
+def _holds_or_resumes(facts: Facts) -> bool:
+    return facts.order.verb == "mission" and facts.order.asked in ("pause", "resume")
+
+
+def failsafe_flies(state: State) -> bool:
+    """Whether a failsafe of the vehicle demands something that nobody holds off."""
+    own = (failsafe.state for key, failsafe in state.failsafes.items() if key.partition("/")[0] == str(VEHICLE))
+    return any(one in DEMANDING for one in own)
 
 
 def no_such_report(facts: Facts) -> bool:

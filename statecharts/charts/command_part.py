@@ -94,13 +94,14 @@ def _arrived(state: State, record: Record) -> tuple[Message, ...]:
     if row.answer is Answer.IGNORE:
         return (_repeat(order, arrival.in_reply_to, row.because),)
     move = moved(CHART, arrival.key, row)
-    first = control.taking(state, order.gimbal) if row.guard is to_follow or order.verb == "point" else None
+    points = row.guard is to_follow or (row.target == "intended" and order.verb == "point")
+    first = control.taking(state, order.gimbal) if points else None
+    before = () if first is None else (first,)
     if row.target in FINAL:
         move.because = _final_words(state, facts, row)
-        before = () if row.guard is not to_follow or first is None else (first,)
         return move, *before, _ack(order, order.in_reply_to, RESULTS[row.target], move.because, final=True)
     rung = _rung(order, order.in_reply_to, row.target, row.because + _notes(state, order))
-    return move, *(() if first is None else (first,)), _effect(state, received, order), rung
+    return move, *before, _effect(state, received, order), rung
 
 
 def _final_words(state: State, facts: Facts, row: Row[Facts]) -> str:

@@ -97,3 +97,11 @@ def test_in_which_order_it_is_refused() -> None:
     check_equal(told.flight.state.orders["alpha/b"].detail, "inside an exclusion fence")
     told.tell("order c fly to=0,0")
     check_equal(told.flight.state.orders["alpha/c"].detail, "the vehicle is not armed")
+
+
+@pytest.mark.parametrize("verb", ["fly to=0,0", "go-into loiter"])
+def test_a_node_that_takes_no_orders_of_the_flight_says_so(verb: str) -> None:
+    """Also where it flies missions."""
+    told = story(flight_enabled=False, mission_enabled=True)
+    told.tell(f"order a {verb}")
+    check_equal(told.flight.state.orders["alpha/a"].state, "unsupported")

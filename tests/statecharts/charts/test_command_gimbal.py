@@ -182,9 +182,9 @@ def test_whoever_has_something_followed_is_told_what_may_turn_and_who_has_the_gi
 no gimbal that pans: the vehicle itself may turn
         4    | described pans    | -                          | -
         5    | control 0/0       | -                          | -
-        6    | order b follow p1 | take; b accepted; look 9,9 | the camera follows it
-        7    | again b           | b accepted again           | the camera follows it
-        8    | order d follow p9 | d rejected                 | only what a person has confirmed is followed
+        6    | order b follow p9 | b rejected                 | only what a person has confirmed is followed
+        7    | order d follow p1 | take; d accepted; look 9,9 | the camera follows it
+        8    | again d           | d accepted again           | the camera follows it
         """,
         confirmed(roi_turning=ROI_TURNING_WARN),
     )

@@ -165,6 +165,7 @@ def test_it_may_begin_by_itself_and_then_once() -> None:
         at_s | observe       | state      | say   | why
         0    | planned       | 1 done     | -     | flown already; begins again only by order
         1    | order a begin | 1 checking | fetch | a person lets it begin again
+        2    | planned       | 1 selftest | -     | planned
         """,
         following,
     )
@@ -225,9 +226,12 @@ def test_aborted() -> None:
         8    | order x abort | 1 aborting | go return | an operator aborts it
         18   | time          | 1 aborting | go return | it does not comply: asked again
         19   | mode return   | -          | -         | -
-        28   | time          | -          | -         | -
-        40   | disarmed      | 1 aborted  | -         | disarmed
-        50   | order b begin | 1 checking | fetch     | a person lets it begin again
+        30   | mode guided   | -          | -         | -
+        31   | mode loiter   | -          | -         | -
+        40   | time          | 1 aborting | go return | it does not comply: asked again
+        41   | mode land     | -          | -         | -
+        60   | disarmed      | 1 aborted  | -         | disarmed
+        70   | order b begin | 1 checking | fetch     | a person lets it begin again
         """,
         story(AIR),
     )
@@ -257,17 +261,19 @@ def test_no_mission_to_be_had() -> None:
 
 
 def test_a_start_in_the_middle_of_it() -> None:
-    """What was asked and not answered is asked again, by its own deadline; an upload at once; in the air it watches."""
+    """What was asked and not answered is asked again when the vehicle is heard; in the air it watches."""
     check_chart(
         "mission",
         """
-        at_s | observe  | state       | say       | why
-        3    | start    | 1 uploading | upload 4  | started again: what became of the upload is unknown
-        4    | uploaded | 1 readying  | go guided | the vehicle has the plan, read back
-        5    | start    | -           | -         | -
-        14   | time     | 1 readying  | go guided | nothing came of it: tried again
+        at_s | observe    | state       | say       | why
+        3    | start      | -           | -         | -
+        70   | vehicle up | 1 uploading | upload 4  | the vehicle is heard again: asked anew
+        71   | uploaded   | 1 readying  | go guided | the vehicle has the plan, read back
+        72   | start      | -           | -         | -
+        90   | vehicle up | 1 readying  | go guided | the vehicle is heard again: asked anew
+        100  | time       | 1 paused    | -         | nothing came of it, as often as it may be tried
         """,
-        story(GROUND),
+        story(GROUND, mission_tries=2),
     )
     check_chart(
         "mission",
