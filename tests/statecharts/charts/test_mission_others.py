@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
 from tests.checks import check_chart, check_equal, seen
 from tests.statecharts.charts.test_mission import AIR, GROUND, followed, story
 
@@ -197,3 +200,33 @@ def test_whoever_takes_it_before_it_has_begun_has_it(words: str, state: str, why
         """,
         story(AIR.replace("    7    | did 0               | 1 flying   | -          | the mission has begun\n", "")),
     )
+
+
+@pytest.mark.parametrize("verb", ["begin", "pause", "resume", "abort"])
+def test_what_may_be_asked_and_when(verb: str) -> None:
+    """Elsewhere the order is refused with a reason, and the mission does not move."""
+    may = {"begin": MAY_BEGIN, "pause": MAY_PAUSE, "resume": MAY_RESUME}.get(verb)
+    for state in STATES:
+        tale = story()
+        tale.tell("planned")
+        tale.flight.state.missions.put(1, tale.flight.state.missions[1]._replace(state=state))
+        tale.tell(f"order a {verb}")
+        answer = tale.flight.state.orders["alpha/a"]
+        allowed = state in may if may is not None else state not in OVER
+        expected = ("accepted", "recorded") if allowed else ("rejected", "the mission is not at that")
+        check_equal((state, answer.state, answer.detail), (state, *expected))
+
+
+def test_who_may_order_it() -> None:
+    """A role of the flight; a camera's is not enough; and a node that flies no missions says so."""
+    cases: tuple[tuple[dict[str, Any], str, str], ...] = (
+        ({}, "order a begin roles=camera", "unauthorised"),
+        ({}, "order a begin", "accepted"),
+        ({"mission_enabled": False}, "order a begin", "unsupported"),
+        ({"flight_enabled": False}, "order a begin", "accepted"),
+        ({"flight_enabled": False, "mission_enabled": False}, "order a fly", "unsupported"),
+    )
+    for changes, words, expected in cases:
+        tale = story(**changes)
+        tale.tell(words)
+        check_equal(tale.flight.state.orders["alpha/a"].state, expected)
