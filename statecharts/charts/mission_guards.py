@@ -155,9 +155,19 @@ def homeward(facts: Facts) -> bool:
     return facts.homeward
 
 
+def going_home_in_air(facts: Facts) -> bool:
+    """The vehicle says that it returns or lands, and the mission was under way in the air."""
+    return facts.flown and going_home(facts)
+
+
 def outward(facts: Facts) -> bool:
-    """The vehicle says that it flies the mission, at an item that does not bring it home."""
-    return facts.mode == FLIGHT_MODE_MISSION and not facts.homeward
+    """The vehicle says that it flies the mission that had been under way, at an item that does not bring it home."""
+    return in_mission_in_air(facts) and not facts.homeward
+
+
+def homeward_in_mission(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission, at an item that brings it home."""
+    return facts.mode == FLIGHT_MODE_MISSION and facts.homeward
 
 
 def at_middle(facts: Facts) -> bool:

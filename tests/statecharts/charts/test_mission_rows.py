@@ -103,6 +103,9 @@ def test_whoever_has_it_paused() -> None:
     check_row("paused", "abort", "aborted")
     check_row("paused", "reported", "paused", "mission", armed=True)
     check_row("paused", "reported", "paused", "return")
+    check_row("paused", "reported", "paused", "return", armed=True)
+    check_row("paused", "reported", "returning", "return", **AIRBORNE)
+    check_row("returning", "reported", "paused", "mission", armed=True)
     check_row("paused", "reported", "landed", flown=True)
     check_row("paused", "failsafe", "paused")
 
