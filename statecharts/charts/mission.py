@@ -48,7 +48,6 @@ from statecharts.charts.mission_guards import (
     in_mission_with_plan,
     landed,
     last_try,
-    linked,
     may_begin,
     off,
     outward,
@@ -173,8 +172,7 @@ CHART: Chart[Facts] = Chart(
     triggers=TRIGGERS,
     rows=_whole(
         ignore("idle", "node_started", "this node flies no missions", off, band=1),
-        move("idle", "node_started", "checking", "the vehicle is heard: which mission?", linked, band=2),
-        move("idle", "node_started", "linking", "looks for the vehicle", band=3),
+        move("idle", "node_started", "linking", "looks for the vehicle", band=2),
         move("linking", "linked", "checking", "the vehicle is heard: which mission?"),
         *_before_upload("linking"),
         move("checking", "planned", "done", "flown already; begins again only by order", flown_already, band=1),

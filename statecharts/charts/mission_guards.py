@@ -18,7 +18,6 @@ class Facts:
     """What the guards look at."""
 
     enabled: bool = False  # this node flies missions
-    link: bool = False  # the vehicle is heard
     tested: bool = False  # the self-test has passed
     may_begin: bool = False  # nobody has to order it, or somebody has; and the vehicle is not armed
     flown_already: bool = False  # this revision was flown, and would begin by itself
@@ -38,11 +37,6 @@ class Facts:
 def off(facts: Facts) -> bool:
     """No missions are flown by this node."""
     return not facts.enabled
-
-
-def linked(facts: Facts) -> bool:
-    """The vehicle is heard."""
-    return facts.link
 
 
 def flown_already(facts: Facts) -> bool:

@@ -120,7 +120,6 @@ def _facts(state: State, record: Record) -> Facts:
     begins_alone = not limits.mission_begun_by_order
     return Facts(
         enabled=limits.mission_enabled,
-        link=vehicle.link,
         tested=plan is not None and selftest(state).state == "passed",
         may_begin=(begins_alone or now.begun) and not vehicle.armed,
         flown_already=begins_alone and not now.begun and plan is not None and plan.revision == now.flown_revision,

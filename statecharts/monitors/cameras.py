@@ -13,6 +13,7 @@ from events.schema.vehicle_pb2 import (
     TakeGimbal,
 )
 from statecharts.monitors.monitor import Monitor, Said, Step, key_of, moves_of, order_of
+from statecharts.state import State
 
 _POINTING = ("point_at_place", "point_at_angles", "release_pointing")
 
@@ -49,24 +50,39 @@ class OneMaster(Monitor):
 
 
 class HandsOff(Monitor):
-    """The node itself moves no camera that somebody has, or that rests, and none where it may not at all."""
+    """The node itself moves no camera that somebody has, or that rests; and none where it may not, but to follow.
+
+    Following is ordered, and over as soon as somebody takes the camera.
+    """
 
     kinds = ("moved", *_POINTING)
 
     def __init__(self, limits: Limits, whole: bool) -> None:
         super().__init__(limits, whole)
         self._cameras: dict[str, str] = {}
+        self._following: dict[str, None] = {}
+
+    def resume(self, state: State) -> None:
+        """Take over what was ordered to follow before the start."""
+        self._following = {key: None for key, scan in state.scans.items() if scan.state == "following"}
 
     def look(self, step: Step) -> Said:
         """See who moves."""
         self._cameras.update((move.instance, move.to_state) for move in moves_of(step, "camera"))
+        for move in moves_of(step, "camera"):
+            if move.to_state != "automatic":
+                self._following.pop(move.instance, None)
+        order, accepted = step[0].message, any(move.to_state == "accepted" for move in moves_of(step, "command"))
+        if isinstance(order, OrderReceived) and order.WhichOneof("order") == "follow_poi" and accepted:
+            self._following[f"1/{order.follow_poi.camera}"] = None
         for record in step:
             effect = record.message
             if not isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing) or order_of(record):
                 continue
-            if self._cameras.get(f"{effect.vehicle}/{effect.camera}", "automatic") != "automatic":
+            camera = f"{effect.vehicle}/{effect.camera}"
+            if self._cameras.get(camera, "automatic") != "automatic":
                 yield "hands_off", f"record {record.seq} moves a camera that the node does not have"
-            if not self.limits.scan_enabled:
+            if not self.limits.scan_enabled and camera not in self._following:
                 yield "hands_off", f"record {record.seq} moves a camera where that is switched off"
 
 

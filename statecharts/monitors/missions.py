@@ -26,7 +26,7 @@ class Missions(Monitor):
     """No motor turns before plan, self-test and order; a vehicle that somebody took is not commanded."""
 
     kinds = (
-        *("moved", "order_received", "mission_planned", "mission_uploaded", "mission_upload_failed"),
+        *("moved", "order_received", "mission_planned", "mission_uploaded"),
         *("set_vehicle_mode", *_OWN),
     )
 
@@ -77,8 +77,6 @@ class Missions(Monitor):
                 self._plan_seq, self._held = record.seq, False
             case "upload_mission":
                 self._upload_seq, self._held = record.seq, False
-            case "mission_upload_failed":
-                self._held = False
 
     def _judge(self, record: Record, mover: str) -> Said:
         name = record.kind.name

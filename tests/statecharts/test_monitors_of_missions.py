@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import pytest
 
-from events import make_record
 from events.schema.flight_pb2 import StepFailed
 from events.schema.mission_pb2 import ArmVehicle, SetMissionItem, StartMission
 from events.schema.safety_pb2 import FLIGHT_MODE_LOITER, SetVehicleMode
@@ -69,23 +68,30 @@ def uploaded_before(flight: Flight) -> None:
             flight[number][place] = changed(record, message)
 
 
-def failed(flight: Flight) -> None:
-    """Let the upload have failed after it was read back."""
-    number, _ = where(flight, "arm_vehicle")
-    failure = flying.READERS["not-uploaded"](flown().flight.records, [], {})
-    first = flight[number][0]
-    flight.insert(number, [make_record(first.seq, first.cause, first.at, failure)])
+def fetched_only(flight: Flight) -> None:
+    """Let a node that flies none have fetched a mission."""
+    limit(mission_enabled=False)(flight)
+    del flight[where(flight, "mission_planned")[0] :]
+
+
+def uploaded_again(flight: Flight) -> None:
+    """Let another upload have begun before the arming, of which no end is known."""
+    number, place = where(flight, "upload_mission")
+    again = flight[number][place]
+    first = flight[where(flight, "arm_vehicle")[0]]
+    first.insert(1, replace(again, seq=first[0].seq))
 
 
 @pytest.mark.parametrize(
     ("monitor", "change"),
     [
         ("mission_is_off", limit(mission_enabled=False)),
+        ("mission_is_off", fetched_only),
+        ("checked_before_arming", uploaded_again),
         ("checked_before_arming", cut("mission_uploaded")),
         ("checked_before_arming", other("mission_uploaded", {"effect_seq": 2})),
         ("checked_before_arming", planned_late),
         ("checked_before_arming", uploaded_before),
-        ("checked_before_arming", failed),
         ("checked_before_arming", cut("moved", chart="selftest", to_state="passed")),
         ("checked_before_arming", other("moved", {"to_state": "failed"}, chart="selftest", to_state="passed")),
         ("begun_by_order", cut("order_received")),
@@ -108,6 +114,7 @@ def test_a_monitor_of_the_mission_speaks_up(monitor: str, change: Callable[[Flig
 @pytest.mark.parametrize(
     ("told", "effect", "expected"),
     [
+        ("mode mission|order p pause", SetMissionItem(vehicle=1), set()),
         ("order b abort", ArmVehicle(vehicle=1), set()),
         ("order b abort|disarmed", ArmVehicle(vehicle=1), {"begun_by_order"}),
         ("mode mission", SetMissionItem(vehicle=1), set()),
@@ -124,6 +131,14 @@ def test_how_long_a_word_counts(told: str, effect: object, expected: set[str]) -
     last(flight, effect)
     found = {complaint.split(":")[0] for complaint in complaints(flight)}
     check_equal((told, found & {"begun_by_order", "taken_is_left_alone", "checked_before_arming"}), (told, expected))
+
+
+def test_where_no_order_is_needed_none_is_missed() -> None:
+    """A mission that begins by itself."""
+    story = Story(*flying.opening(mission_begun_by_order=False))
+    for words in ("planned", "report pass", *TOLD[3:]):
+        story.tell(words)
+    check_equal(complaints(steps(story.flight.records)), [])
 
 
 def test_a_failsafe_and_an_order_command_whom_they_like() -> None:

@@ -80,9 +80,8 @@ def test_while_the_plan_goes_up() -> None:
 
 def test_how_it_begins() -> None:
     """Off, without a vehicle, with one; given up before anything flies; planned anew with a test that was passed."""
-    check_row("idle", "node_started", "idle", link=True)
+    check_row("idle", "node_started", "idle")
     check_row("idle", "node_started", "linking", enabled=True)
-    check_row("idle", "node_started", "checking", enabled=True, link=True)
     for state in ("linking", "checking", "selftest", "ready", "waiting_for_pilot"):
         check_row(state, "abort", "aborted")
     check_row("checking", "planned", "selftest", may_begin=True)
