@@ -60,7 +60,8 @@ def carry_over(state: State, now_ns: int) -> CarriedState:
     )
     _carry_trust(state, carried)
     for mission in state.missions.values():
-        carried.flown_revision = mission.flown_revision
+        if mission.flown_revision:
+            carried.flown_revision = mission.flown_revision
     _carry_safety(state, carried, now_ns)
     if state.origin.value is not None:
         carried.origin.CopyFrom(state.origin.value.place)

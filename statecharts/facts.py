@@ -292,6 +292,9 @@ class Mission(NamedTuple):
     effect_seq: int = -1  # the newest effect, whose outcome the present step waits for
     begun: bool = False  # somebody ordered it to begin
     flown: bool = False  # it was under way in the air
+    plan_seq: int = -1  # the newest plan
+    held_seq: int = -1  # the upload of what the vehicle holds, read back; -1: it may hold anything
+    entered_mode: int = 0  # FlightMode of the vehicle when the present state was entered
     next_item: int = 0  # index in the plan of the first item that is not behind the vehicle
     middle_item: int = -1  # index in the plan of the waypoint that was asked for in the middle; -1: none
     flown_revision: str = ""  # what was flown to its end: it does not begin a second time by itself

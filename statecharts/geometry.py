@@ -3,7 +3,8 @@
 The frame is the flight's own: whole millimetres east and north of its origin, on a plane (geo.frame makes them). All
 tests are exact, for they only multiply, add and compare integers. A polygon is its corners in order, closed by itself;
 one that crosses itself is judged by the even-odd rule. A boundary belongs to the unsafe side: on the edge of an
-inclusion is outside, on the edge of an exclusion is inside. It knows neither heights nor who flies.
+inclusion is outside, on the edge of an exclusion is inside. Of several inclusions all hold, as for the planner and
+for ArduPilot unless told otherwise. It knows neither heights nor who flies.
 """
 
 from __future__ import annotations
@@ -25,13 +26,6 @@ class Fence(NamedTuple):
 
     inclusion: bool
     vertices: Polygon  # millimetres
-
-
-class _Share(NamedTuple):
-    """A part of a leg: over / under, under being positive."""
-
-    over: int
-    under: int
 
 
 def _edges(polygon: Polygon) -> Iterator[tuple[Point, Point]]:
@@ -84,63 +78,22 @@ def _meet(start: Point, end: Point, one: Point, other: Point) -> bool:
     return any(side == 0 and _is_between(*three) for side, three in zip(sides, ends, strict=True))
 
 
-def is_covered(start: Point, end: Point, polygons: tuple[Polygon, ...]) -> bool:
-    """Whether every point of a leg lies strictly inside one of the polygons.
-
-    The leg may go from one into another where they overlap; polygons that only touch are not joined. It is cut where
-    it meets an edge: a polygon that a cut lies strictly inside of goes on to the next cut, so the cuts are looked at.
-    """
-    cuts = [_Share(0, 1), _Share(1, 1)]
-    for polygon in polygons:
-        for one, other in _edges(polygon):
-            if _meet(start, end, one, other):
-                cuts.extend(_cuts(start, end, one, other))
-    under = 1
-    for cut in cuts:
-        under *= cut.under
-    overs = sorted(dict.fromkeys(cut.over * (under // cut.under) for cut in cuts))
-    return all(_is_in_one(start, end, _Share(over, under), polygons) for over in overs)
-
-
-def _cuts(start: Point, end: Point, one: Point, other: Point) -> Iterator[_Share]:
-    """Yield how far along the leg it meets a segment that it is known to meet: once, or from one to another."""
-    way = end[0] - start[0], end[1] - start[1]
-    edge = other[0] - one[0], other[1] - one[1]
-    to = one[0] - start[0], one[1] - start[1]
-    across = way[0] * edge[1] - way[1] * edge[0]
-    if across:
-        over = to[0] * edge[1] - to[1] * edge[0]
-        yield _Share(over, across) if across > 0 else _Share(-over, -across)
-        return
-    length = way[0] * way[0] + way[1] * way[1]
-    for point in (one, other) if length else ():
-        over = (point[0] - start[0]) * way[0] + (point[1] - start[1]) * way[1]
-        if 0 <= over <= length:
-            yield _Share(over, length)
-
-
-def _is_in_one(start: Point, end: Point, share: _Share, polygons: tuple[Polygon, ...]) -> bool:
-    """Whether the point so far along the leg lies strictly inside a polygon; all is scaled to keep integers."""
-    by = share.under
-    point = (
-        start[0] * by + (end[0] - start[0]) * share.over,
-        start[1] * by + (end[1] - start[1]) * share.over,
+def keeps_inside(start: Point, end: Point, polygon: Polygon) -> bool:
+    """Whether every point of a leg lies strictly inside a polygon: it begins there and meets no edge."""
+    return is_strictly_inside(start, polygon) and not any(
+        _meet(start, end, one, other) for one, other in _edges(polygon)
     )
-    return any(is_strictly_inside(point, tuple((east * by, north * by) for east, north in one)) for one in polygons)
 
 
 def judge(fences: Iterable[Fence], at: Point, ahead: Point) -> str:
     """Return OK, or how the way from `at` to `ahead` breaks a fence; a place alone is a way to itself.
 
-    Where there are inclusions, being inside any of them is enough. An exclusion holds inside them, too. Without fences
-    everything is OK.
+    The way must be inside every inclusion and clear of every exclusion. Without fences everything is OK.
     """
-    inclusions: list[Polygon] = []
-    exclusions: list[Polygon] = []
+    found = OK
     for fence in fences:
-        (inclusions if fence.inclusion else exclusions).append(fence.vertices)
-    if any(touches(at, ahead, polygon) for polygon in exclusions):
-        return EXCLUSION_ENTRY
-    if inclusions and not is_covered(at, ahead, tuple(inclusions)):
-        return INCLUSION_EXIT
-    return OK
+        if not fence.inclusion and touches(at, ahead, fence.vertices):
+            return EXCLUSION_ENTRY
+        if fence.inclusion and not keeps_inside(at, ahead, fence.vertices):
+            found = INCLUSION_EXIT
+    return found

@@ -1,7 +1,7 @@
 """Words about flying, for the stories: plans, self-tests, uploads, modes, progress, and orders of the flight.
 
     planned rev=a items=takeoff,go,go,home      uploaded / not-uploaded / mode mission / disarmed / at 2 reached=1
-    report pass,degraded / order a begin / order b acknowledge 17 / order c fly / order d go-into loiter
+    report pass,degraded / order a begin / order b acknowledge 17 / order c fly to=20,-3 / order d go-into loiter
 
 An order of the flight is given with the role "flight" unless told otherwise. Nothing here checks anything.
 """
@@ -182,7 +182,8 @@ def asked(name: str, verb: str, about: list[str], named: Mapping[str, str], valu
     if verb == "acknowledge":
         return flights.received(name, acknowledge_selftest=AcknowledgeSelftestOrder(report_id=int(about[0])), **values)
     if verb == "fly":
-        to = flights.place(20_000, 20_000) if "nowhere" not in named else None
+        east, north = (round(1000 * float(one)) for one in named.get("to", "20,20").split(","))
+        to = flights.place(east, north) if "nowhere" not in named else None
         return flights.received(name, fly_to_place=FlyToPlaceOrder(place=to), **values)
     mode = SetFlightModeOrder(mode=MODES[about[0]])
     return flights.received(name, set_flight_mode=mode, **values)

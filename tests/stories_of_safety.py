@@ -91,9 +91,9 @@ def override(command_id: str, scope: str, named: dict[str, str], **values: Any) 
 
 
 def safety_words(message: Message) -> str | None:
-    """Return a decision about safety in words; None for another."""
+    """Return a decision about safety in words; None for another, also for a mode that the mission or an order asks."""
     match message:
-        case SetVehicleMode(mode=mode, because=because):
+        case SetVehicleMode(mode=mode, because=because) if because and not because.startswith("mission: "):
             return f"{safety_pb2.FlightMode.Name(mode).removeprefix('FLIGHT_MODE_').lower()}: {because}"
         case OverrideBegun(callsign=who, scope=scope, reason=reason, held_for_ms=held_ms):
             return f"{who} holds {_scope(scope)} {held_ms / 1000:g} s: {reason}"

@@ -22,12 +22,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from events.schema.common_pb2 import Place
 from events.schema.orders_pb2 import OrderReceived
+from statecharts.charts import command_flight as flight
 from statecharts.charts import command_gimbal as gimbal
 from statecharts.charts import command_override as override
 from statecharts.charts import gimbals
-from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
+from statecharts.charts.command_flight import named_place
 from statecharts.facts import Arrival, Order
 from statecharts.state import State
 from statecharts.table import Chart, Row, ignore, move, refuse
@@ -37,18 +37,8 @@ UNDERWAY = ("intended", "sent", "in_progress")
 # What points, zooms, releases or judges harms nobody much. Anything else, also what is not known here, moves more.
 CAMERA_VERBS = ("point", "zoom", "release", "judge", "follow")
 FLIGHT_VERBS = ("fly", "mode", "mission", "acknowledge", "override")
-MISSION_VERBS = ("mission", "acknowledge")
 # A person's word: it is recorded, other charts hear it, and nothing leaves for the vehicle by this chart.
 RECORDED_VERBS = ("judge", "mission", "acknowledge")
-
-# In which states of the mission what may be asked of it.
-MAY_ASK: dict[str, tuple[str, ...]] = {
-    "begin": MAY_BEGIN,
-    "pause": MAY_PAUSE,
-    "resume": MAY_RESUME,
-    "abort": tuple(state for state in STATES if state not in OVER),
-}
-
 
 # A repeat of an order is answered so often within so long; what comes beyond that hears nothing.
 REPEATS_ANSWERED = 2
@@ -91,12 +81,12 @@ def role_missing(facts: Facts) -> bool:
     What a kind of order is about, camera or flight, decides which list counts. One that this node does not know may be
     about either.
     """
-    asked, flight = facts.received, facts.state.flight
-    allowed = (*flight.camera_roles, *flight.flight_roles)
+    asked, manifest = facts.received, facts.state.flight
+    allowed = (*manifest.camera_roles, *manifest.flight_roles)
     if facts.order.verb in CAMERA_VERBS:
-        allowed = flight.camera_roles
+        allowed = manifest.camera_roles
     elif facts.order.verb in FLIGHT_VERBS:
-        allowed = flight.flight_roles
+        allowed = manifest.flight_roles
     return asked is None or not any(role in allowed for role in asked.issuer.roles)
 
 
@@ -147,45 +137,6 @@ def unknown_verb(facts: Facts) -> bool:
     return not facts.order.verb
 
 
-def flight_off(facts: Facts) -> bool:
-    """Orders of the flight are switched off on this node."""
-    return facts.order.verb in ("fly", "mode") and not facts.state.flight.limits.flight_enabled
-
-
-def mission_off(facts: Facts) -> bool:
-    """No missions are flown by this node."""
-    return facts.order.verb in MISSION_VERBS and not facts.state.flight.limits.mission_enabled
-
-
-def unknown_mode(facts: Facts) -> bool:
-    """The order names a mode, or something to do with the mission, that this node does not know."""
-    if facts.order.verb == "mission":
-        return not facts.order.asked
-    return facts.order.verb == "mode" and facts.received is not None and not facts.received.set_flight_mode.mode
-
-
-def not_at_that(facts: Facts) -> bool:
-    """The mission is not where this can be asked of it."""
-    now = facts.state.missions.get(1)
-    state = "idle" if now is None else now.state
-    return facts.order.verb == "mission" and state not in MAY_ASK.get(facts.order.asked, ())
-
-
-def no_such_report(facts: Facts) -> bool:
-    """No self-test waits for a person's word, or the order names another report."""
-    now = facts.state.selftests.get(1)
-    if facts.order.verb != "acknowledge" or facts.received is None:
-        return False
-    waits = now is not None and now.state == "awaiting"
-    return not waits or now is None or now.effect_seq != facts.received.acknowledge_selftest.report_id
-
-
-def on_the_ground(facts: Facts) -> bool:
-    """The vehicle is not armed: an autopilot would take such an order all the same, and keep it for later."""
-    vehicle = facts.state.vehicles.get(1)
-    return facts.order.verb in ("fly", "mode") and (vehicle is None or not vehicle.armed)
-
-
 def no_such_camera(facts: Facts) -> bool:
     """The order names a camera that is not on board, or one that nothing turns."""
     if facts.order.verb == "zoom":
@@ -197,23 +148,13 @@ def no_such_camera(facts: Facts) -> bool:
 
 def null_place(facts: Facts) -> bool:
     """The place is 0, 0, 0: an autopilot would take it for "cancel"."""
-    place = _place(facts)
+    place = named_place(facts)
     return place is not None and not (place.latitude_e7 or place.longitude_e7 or place.altitude_mm)
 
 
 def nowhere(facts: Facts) -> bool:
     """A place is asked before the local frame has an origin."""
-    return _place(facts) is not None and facts.state.origin.value is None
-
-
-def _place(facts: Facts) -> Place | None:
-    """Return the place that an order names; None where it names none."""
-    asked = facts.received
-    if asked is None:
-        return None
-    if asked.HasField("fly_to_place"):
-        return asked.fly_to_place.place
-    return asked.point_at_place.place if asked.HasField("point_at_place") else None
+    return named_place(facts) is not None and facts.state.origin.value is None
 
 
 def unknown_poi(facts: Facts) -> bool:
@@ -295,20 +236,26 @@ _GATES: tuple[tuple[str, str, Callable[[Facts], bool] | None], ...] = (
     ("rejected", "the node is in safe mode", safe_mode),
     ("rejected", "expired", too_late),
     ("unsupported", "unknown kind of order", unknown_verb),
-    ("unsupported", "orders of the flight are switched off on this node", flight_off),
-    ("unsupported", "this node flies no missions", mission_off),
-    ("unsupported", "no such mode", unknown_mode),
+    ("unsupported", "orders of the flight are switched off on this node", flight.flight_off),
+    ("unsupported", "this node flies no missions", flight.mission_off),
+    ("unsupported", "no such mode", flight.unknown_mode),
     ("rejected", "no such camera, or nothing turns it", no_such_camera),
     ("rejected", "0, 0, 0 is no place to look at", null_place),
     ("rejected", "this node has no position yet", nowhere),
+    ("rejected", "outside the fence", flight.outside_inclusion),
+    ("rejected", "inside an exclusion fence", flight.inside_exclusion),
+    ("rejected", "through a fence", flight.through_fence),
     ("rejected", gimbals.UNKNOWN, gimbal.gimbal_unknown),
     ("rejected", gimbals.NOTHING_PANS, gimbal.turns_vehicle),
     ("rejected", "beyond the gimbal's limits", gimbal.beyond_limits),
     ("unsupported", "this camera has no zoom", gimbal.no_zoom),
     ("rejected", "unknown_poi_id", unknown_poi),
     ("rejected", "expired: the question is closed", poi_over),
-    ("rejected", "the mission is not at that", not_at_that),
-    ("rejected", "no self-test with this report waits for a word", no_such_report),
+    ("rejected", "the mission is not at that", flight.not_at_that),
+    ("rejected", "the vehicle is armed: somebody has it", flight.begins_armed),
+    ("rejected", "no vehicle is heard", flight.mission_unheard),
+    ("rejected", "a failsafe has the vehicle: it must be held off first", flight.against_failsafe),
+    ("rejected", "no self-test with this report waits for a word", flight.no_such_report),
     ("rejected", "only what a person has confirmed is followed", not_confirmed),
     ("accepted", "recorded", judgement),
     ("unsupported", "this node commands no failsafes", override.no_failsafes),
@@ -318,7 +265,7 @@ _GATES: tuple[tuple[str, str, Callable[[Facts], bool] | None], ...] = (
     ("accepted", "held off", override.held_off),
     ("rejected", "no vehicle is heard", vehicle_silent),
     ("accepted", "the camera follows it", to_follow),
-    ("rejected", "the vehicle is not armed", on_the_ground),
+    ("rejected", "the vehicle is not armed", flight.on_the_ground),
     ("intended", "all gates passed", None),
 )
 _JUDGE: tuple[Row[Facts], ...] = tuple(

@@ -10,15 +10,20 @@ if TYPE_CHECKING:
     from statecharts.charts.command import Facts
 
 
+def _looks_at_place(facts: Facts) -> bool:
+    """Whether an order has the camera look at a place: at one that it names, or where what is followed was seen."""
+    return facts.order.at_place or facts.order.verb == "follow"
+
+
 def gimbal_unknown(facts: Facts) -> bool:
     """A place is asked before it is known whether the vehicle itself would turn to it, which this flight refuses."""
-    asked = facts.order.at_place and gimbals.is_refused(facts.state)
+    asked = _looks_at_place(facts) and gimbals.is_refused(facts.state)
     return asked and facts.order.gimbal not in facts.state.gimbals
 
 
 def turns_vehicle(facts: Facts) -> bool:
     """The vehicle itself would turn to the place that is asked, which this flight refuses."""
-    asked = facts.order.at_place and gimbals.is_refused(facts.state)
+    asked = _looks_at_place(facts) and gimbals.is_refused(facts.state)
     return asked and gimbals.may_turn_vehicle(facts.state, facts.order.gimbal)
 
 

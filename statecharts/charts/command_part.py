@@ -26,12 +26,13 @@ from statecharts.charts.command import (
     UNDERWAY,
     Facts,
     answered_enough,
+    to_follow,
 )
 from statecharts.charts.command_state import EVOLVE
 from statecharts.facts import Order, order_key
 from statecharts.part import Part
 from statecharts.state import State
-from statecharts.table import Answer, moved
+from statecharts.table import Answer, Row, moved
 
 VEHICLE = 1
 RESULTS: dict[str, orders_pb2.AckResult.ValueType] = {
@@ -93,12 +94,21 @@ def _arrived(state: State, record: Record) -> tuple[Message, ...]:
     if row.answer is Answer.IGNORE:
         return (_repeat(order, arrival.in_reply_to, row.because),)
     move = moved(CHART, arrival.key, row)
+    points = row.guard is to_follow or (row.target == "intended" and order.verb == "point")
+    first = control.taking(state, order.gimbal) if points else None
+    before = () if first is None else (first,)
     if row.target in FINAL:
-        move.because = command_gimbal.limit_words(facts) if row.guard is command_gimbal.beyond_limits else row.because
-        return move, _ack(order, order.in_reply_to, RESULTS[row.target], move.because, final=True)
-    first = control.taking(state, order.gimbal) if order.verb == "point" else None
+        move.because = _final_words(state, facts, row)
+        return move, *before, _ack(order, order.in_reply_to, RESULTS[row.target], move.because, final=True)
     rung = _rung(order, order.in_reply_to, row.target, row.because + _notes(state, order))
-    return move, *(() if first is None else (first,)), _effect(state, received, order), rung
+    return move, *before, _effect(state, received, order), rung
+
+
+def _final_words(state: State, facts: Facts, row: Row[Facts]) -> str:
+    """Return why an order ends where it arrives; whoever has something followed is told what one who points is."""
+    if row.guard is command_gimbal.beyond_limits:
+        return command_gimbal.limit_words(facts)
+    return row.because + _notes(state, facts.order) if row.guard is to_follow else row.because
 
 
 def _repeat(order: Order, in_reply_to: bytes, because: str) -> SendAck:
@@ -214,11 +224,15 @@ def _fire(state: State, record: Record, key: str) -> tuple[Message, ...]:
 
 def _notes(state: State, order: Order) -> str:
     """Return what else an operator who points should know: who has the gimbal, and what may turn."""
-    if order.verb != "point":
+    if order.verb not in ("point", "follow"):
         return ""
     other = control.other_controller(state, order.gimbal)
     notes = [f"{other} controls the gimbal"] if other else []
-    if order.at_place and gimbals.is_judged(state) and gimbals.may_turn_vehicle(state, order.gimbal):
+    if (
+        (order.at_place or order.verb == "follow")
+        and gimbals.is_judged(state)
+        and gimbals.may_turn_vehicle(state, order.gimbal)
+    ):
         notes.append(gimbals.MAY_TURN)
     return "".join(f"; {note}" for note in notes)
 

@@ -2,10 +2,10 @@
 
 Theory of operation. A gimbal's manager says who has primary control of it. PX4 takes angles from nobody else, ArduPilot
 from anybody, and a place to look at both take from anybody; so control is asked for once, before the first angles or
-place of an operator's order leave, and only where nobody has it. Another who has it is left it: two stations that take
-a gimbal from each other in turn help nobody. The configuration may say otherwise (`take_from_others`). Control is
-given up once, when the camera is automatic again; a gimbal that is told to be this node's while nobody holds the camera
-(after a start, or in the next flight) is given up too.
+place of an operator's order leave, one to follow a finding included, and only where nobody has it. Another who has it
+is left it: two stations that take a gimbal from each other in turn help nobody. The configuration may say otherwise
+(`take_from_others`). Control is given up once, when the camera is automatic again; a gimbal that is told to be this
+node's while nobody holds the camera (after a start, or in the next flight) is given up too.
 
 It must never send anything where no manager has told of itself, and never fight. The command itself is the chart
 `command`'s to say, for it must leave before the pointing; this chart follows it.
@@ -136,8 +136,14 @@ def _fire(state: State, key: str, trigger: str) -> tuple[Message, ...]:
 
 
 def _is_wanted(state: State, key: str) -> bool:
-    cameras = (one for one in state.cameras.values() if fitting_key(one.vehicle, one.gimbal) == key)
-    return any(one.state != "automatic" for one in cameras)
+    """Whether somebody holds a camera on this gimbal, or it rests, or follows what an operator has it follow."""
+    cameras = (name for name, one in state.cameras.items() if fitting_key(one.vehicle, one.gimbal) == key)
+    return any(state.cameras[name].state != "automatic" or _follows(state, name) for name in cameras)
+
+
+def _follows(state: State, camera: str) -> bool:
+    scan = state.scans.get(camera)
+    return scan is not None and scan.state == "following"
 
 
 def _changed(state: State, record: Record) -> None:

@@ -16,20 +16,47 @@ follows it (`returning`). `aborting` asks for the return until the vehicle is se
 While a camera follows a finding, the mission office is asked for a waypoint there; the changed plan is uploaded in the
 air, the vehicle waits at that waypoint (`following`), and goes on behind it when the following ends.
 
-It must never arm before the plan was read back, never start what a self-test has not passed, never command a vehicle
-that somebody else has taken, and never fly a plan a second time by itself.
+A vehicle that is not heard is asked for nothing; when it is heard again it is asked anew. Nor is one that a failsafe
+brings home or down: then this chart only watches. A plan that changes before the arming is uploaded again first; one
+that changes in the air, as soon as the vehicle flies the mission.
+
+It must never arm before the newest plan was read back, never begin with a vehicle that is armed already, never start
+what a self-test has not passed, never command a vehicle that somebody else has taken, and never fly a plan a second
+time by itself.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from events.schema.safety_pb2 import (
-    FLIGHT_MODE_GUIDED,
-    FLIGHT_MODE_LAND,
-    FLIGHT_MODE_LOITER,
-    FLIGHT_MODE_MISSION,
-    FLIGHT_MODE_RETURN,
+from statecharts.charts.mission_guards import (
+    Facts,
+    armed,
+    at_middle,
+    by_waypoint,
+    disarmed,
+    flown_already,
+    goes_on_trying,
+    going_home,
+    going_home_in_air,
+    holding,
+    holds_plan,
+    homeward,
+    homeward_in_mission,
+    in_air,
+    in_air_with_plan,
+    in_mission,
+    in_mission_in_air,
+    in_mission_or_holding,
+    in_mission_with_plan,
+    landed,
+    last_try,
+    may_begin,
+    off,
+    outward,
+    pilot,
+    started_by_pilot,
+    taken,
+    tested,
+    tested_and_begun,
 )
 from statecharts.table import Chart, Row, ignore, move
 
@@ -48,136 +75,6 @@ MAY_BEGIN = ("linking", "checking", "selftest", "ready", "done", "aborted")
 MAY_PAUSE = ("uploading", "readying", "arming", "engaging", "starting", "flying", "following", "returning")
 MAY_RESUME = ("paused",)
 OVER = ("idle", "landed", "done", "aborting", "aborted")
-
-
-@dataclass(frozen=True, slots=True)
-class Facts:
-    """What the guards look at."""
-
-    enabled: bool = False  # this node flies missions
-    link: bool = False  # the vehicle is heard
-    tested: bool = False  # the self-test has passed
-    may_begin: bool = False  # nobody has to order it, or somebody has
-    flown_already: bool = False  # this revision was flown, and would begin by itself
-    pilot: bool = False  # a pilot arms and starts
-    last_try: bool = False  # the present step was begun as often as it may be
-    final: bool = True  # no mission can be had, for good
-    armed: bool = False
-    mode: int = 0  # FlightMode of the vehicle; 0 where it is none that is known
-    flown: bool = False  # the mission was under way in the air in this flight
-    homeward: bool = False  # the item that the vehicle is at brings it home or down
-    at_middle: bool = False  # the vehicle has reached the waypoint that was asked for in the middle
-    by_waypoint: bool = False  # what is followed gets a waypoint
-
-
-def off(facts: Facts) -> bool:
-    """No missions are flown by this node."""
-    return not facts.enabled
-
-
-def linked(facts: Facts) -> bool:
-    """The vehicle is heard."""
-    return facts.link
-
-
-def flown_already(facts: Facts) -> bool:
-    """The revision was flown to its end, and nobody ordered it again."""
-    return facts.flown_already
-
-
-def tested_and_begun(facts: Facts) -> bool:
-    """The self-test has passed, and the mission may begin."""
-    return facts.tested and facts.may_begin
-
-
-def tested(facts: Facts) -> bool:
-    """The self-test has passed."""
-    return facts.tested
-
-
-def may_begin(facts: Facts) -> bool:
-    """Nobody has to order it, or somebody has."""
-    return facts.may_begin
-
-
-def goes_on_trying(facts: Facts) -> bool:
-    """The mission is still being looked for."""
-    return not facts.final
-
-
-def last_try(facts: Facts) -> bool:
-    """The step was begun as often as it may be."""
-    return facts.last_try
-
-
-def in_air(facts: Facts) -> bool:
-    """The mission is under way in the air."""
-    return facts.flown and facts.armed
-
-
-def pilot(facts: Facts) -> bool:
-    """A pilot arms and starts."""
-    return facts.pilot
-
-
-def armed(facts: Facts) -> bool:
-    """The motors are armed."""
-    return facts.armed
-
-
-def disarmed(facts: Facts) -> bool:
-    """The motors are not armed."""
-    return not facts.armed
-
-
-def holding(facts: Facts) -> bool:
-    """The vehicle says that it holds, or takes places one by one."""
-    return facts.mode in (FLIGHT_MODE_GUIDED, FLIGHT_MODE_LOITER)
-
-
-def in_mission(facts: Facts) -> bool:
-    """The vehicle says that it flies the mission."""
-    return facts.mode == FLIGHT_MODE_MISSION
-
-
-def in_mission_in_air(facts: Facts) -> bool:
-    """The vehicle says that it flies the mission, and it had been under way before."""
-    return in_air(facts) and facts.mode == FLIGHT_MODE_MISSION
-
-
-def started_by_pilot(facts: Facts) -> bool:
-    """The vehicle says that it is armed and flies the mission."""
-    return facts.armed and facts.mode == FLIGHT_MODE_MISSION
-
-
-def going_home(facts: Facts) -> bool:
-    """The vehicle says that it returns or lands."""
-    return facts.armed and facts.mode in (FLIGHT_MODE_RETURN, FLIGHT_MODE_LAND)
-
-
-def landed(facts: Facts) -> bool:
-    """The mission was under way in the air, and the motors are off."""
-    return facts.flown and not facts.armed
-
-
-def homeward(facts: Facts) -> bool:
-    """The item that the vehicle is at brings it home or down."""
-    return facts.homeward
-
-
-def outward(facts: Facts) -> bool:
-    """The vehicle says that it flies the mission, at an item that does not bring it home."""
-    return facts.mode == FLIGHT_MODE_MISSION and not facts.homeward
-
-
-def at_middle(facts: Facts) -> bool:
-    """The vehicle has reached the waypoint that was asked for in the middle."""
-    return facts.at_middle
-
-
-def by_waypoint(facts: Facts) -> bool:
-    """What is followed gets a waypoint in the mission."""
-    return facts.by_waypoint
 
 
 _NOT_NOW = {
@@ -217,16 +114,25 @@ def _tried(source: str, trigger: str, because: str) -> tuple[Row[Facts], ...]:
     )
 
 
+def _heard_again(source: str) -> tuple[Row[Facts], ...]:
+    return (move(source, "linked", source, "the vehicle is heard again: asked anew"),)
+
+
 def _step(source: str) -> tuple[Row[Facts], ...]:
     """Return what every step has in common that asks something of a vehicle which has not taken off."""
     return (
         *_tried(source, "refused", "the vehicle refused"),
         *_tried(source, "time_passed", "nothing came of it"),
+        *_heard_again(source),
         move(source, "pause", "paused", "an operator pauses it"),
         move(source, "abort", "aborting", "an operator aborts it", armed, band=1),
         move(source, "abort", "aborted", "an operator aborts it", band=2),
         move(source, "failsafe", "returning", "a failsafe sends the vehicle home"),
     )
+
+
+def _replanned(source: str) -> tuple[Row[Facts], ...]:
+    return (move(source, "planned", "uploading", "the plan has changed"),)
 
 
 def _before_upload(source: str) -> tuple[Row[Facts], ...]:
@@ -245,7 +151,8 @@ def _while_not_looked_at(source: str) -> tuple[Row[Facts], ...]:
     return (
         move(source, "reported", "landed", "disarmed", landed, band=1),
         move(source, "reported", "returning", "the vehicle goes home by itself", going_home, band=2),
-        ignore(source, "reported", "its plan comes first", band=3),
+        move(source, "reported", "paused", "somebody took the vehicle out of the mission", taken, band=3),
+        ignore(source, "reported", "its plan comes first", band=4),
     )
 
 
@@ -266,8 +173,7 @@ CHART: Chart[Facts] = Chart(
     triggers=TRIGGERS,
     rows=_whole(
         ignore("idle", "node_started", "this node flies no missions", off, band=1),
-        move("idle", "node_started", "checking", "the vehicle is heard: which mission?", linked, band=2),
-        move("idle", "node_started", "linking", "looks for the vehicle", band=3),
+        move("idle", "node_started", "linking", "looks for the vehicle", band=2),
         move("linking", "linked", "checking", "the vehicle is heard: which mission?"),
         *_before_upload("linking"),
         move("checking", "planned", "done", "flown already; begins again only by order", flown_already, band=1),
@@ -287,10 +193,12 @@ CHART: Chart[Facts] = Chart(
         move(
             "uploading", "uploaded", "waiting_for_pilot", "the vehicle has the plan: a pilot starts it", pilot, band=2
         ),
-        move("uploading", "uploaded", "readying", "the vehicle has the plan, read back", band=3),
+        move("uploading", "uploaded", "paused", "armed already: somebody has it", armed, band=3),
+        move("uploading", "uploaded", "readying", "the vehicle has the plan, read back", band=4),
         *_tried("uploading", "upload_failed", "the vehicle did not take the plan"),
         *_tried("uploading", "time_passed", "no word of the upload"),
-        move("uploading", "node_started", "uploading", "started again: what became of the upload is unknown"),
+        *_heard_again("uploading"),
+        *_replanned("uploading"),
         *_while_not_looked_at("uploading"),
         move("uploading", "pause", "paused", "an operator pauses it"),
         move("uploading", "abort", "aborting", "an operator aborts it", armed, band=1),
@@ -298,25 +206,36 @@ CHART: Chart[Facts] = Chart(
         move("uploading", "failsafe", "returning", "a failsafe sends the vehicle home"),
         move("waiting_for_pilot", "reported", "flying", "a pilot has started it", started_by_pilot, band=1),
         ignore("waiting_for_pilot", "reported", "not started yet", band=2),
+        move("waiting_for_pilot", "planned", "uploading", "the plan has changed", disarmed, band=1),
+        ignore("waiting_for_pilot", "planned", "armed: the plan is changed in the air", band=2),
         *_before_upload("waiting_for_pilot"),
         *_step("readying"),
+        *_replanned("readying"),
         move("readying", "accepted", "arming", "the vehicle holds"),
         move("readying", "reported", "arming", "the vehicle holds", holding, band=1),
         ignore("readying", "reported", "not yet", band=2),
         *_step("arming"),
+        *_replanned("arming"),
         move("arming", "reported", "engaging", "armed", armed, band=1),
         ignore("arming", "reported", "not yet", band=2),
         *_step("engaging"),
         move("engaging", "reported", "landed", "disarmed", landed, band=1),
-        move("engaging", "reported", "returning", "the vehicle goes home by itself", going_home, band=2),
-        move("engaging", "reported", "flying", "goes on with the mission", in_mission_in_air, band=3),
-        move("engaging", "reported", "starting", "the vehicle is in the mission's mode", in_mission, band=4),
-        ignore("engaging", "reported", "not yet", band=5),
+        move("engaging", "reported", "paused", "disarmed before it began", disarmed, band=2),
+        move("engaging", "reported", "returning", "the vehicle goes home by itself", going_home, band=3),
+        move("engaging", "reported", "paused", "somebody took the vehicle out of the mission", taken, band=4),
+        move("engaging", "reported", "flying", "goes on with the mission", in_mission_in_air, band=5),
+        move("engaging", "reported", "starting", "the vehicle is in the mission's mode", in_mission, band=6),
+        ignore("engaging", "reported", "not yet", band=7),
         *_step("starting"),
         move("starting", "accepted", "flying", "the mission has begun"),
+        move("starting", "reported", "paused", "disarmed before it began", disarmed, band=1),
+        move("starting", "reported", "returning", "the vehicle goes home by itself", going_home, band=2),
+        ignore("starting", "reported", "it is about to begin", in_mission, band=3),
+        move("starting", "reported", "paused", "somebody took the vehicle out of the mission", band=4),
         *_under_way("flying"),
-        ignore("flying", "reported", "it flies the mission", in_mission, band=3),
-        move("flying", "reported", "paused", "somebody took the vehicle out of the mission", band=4),
+        ignore("flying", "reported", "it flies the mission", in_mission_with_plan, band=3),
+        move("flying", "reported", "uploading", "the plan has changed meanwhile", in_mission, band=4),
+        move("flying", "reported", "paused", "somebody took the vehicle out of the mission", band=5),
         move("flying", "progressed", "returning", "the mission is on its way home", homeward, band=1),
         move("flying", "progressed", "following", "waits at what is followed", at_middle, band=2),
         ignore("flying", "progressed", "noted", band=3),
@@ -324,13 +243,17 @@ CHART: Chart[Facts] = Chart(
         ignore("flying", "follow_began", "the camera follows, the vehicle goes its way", band=2),
         move("flying", "planned", "uploading", "the plan has changed"),
         *_under_way("following"),
-        ignore("following", "reported", "it waits", band=3),
-        move("following", "follow_ended", "engaging", "goes on where it left the mission"),
-        move("paused", "resume", "engaging", "an operator lets it go on", in_air, band=1),
-        move("paused", "resume", "uploading", "an operator lets it go on", tested, band=2),
-        move("paused", "resume", "checking", "an operator lets it go on", band=3),
+        ignore("following", "reported", "it waits", in_mission_or_holding, band=3),
+        move("following", "reported", "paused", "somebody took the vehicle out of the mission", band=4),
+        move("following", "follow_ended", "engaging", "goes on where it left the mission", holds_plan, band=1),
+        move("following", "follow_ended", "uploading", "goes on by the changed plan", band=2),
+        move("paused", "resume", "engaging", "an operator lets it go on", in_air_with_plan, band=1),
+        move("paused", "resume", "uploading", "an operator lets it go on by the changed plan", in_air, band=2),
+        move("paused", "resume", "uploading", "an operator lets it go on", tested_and_begun, band=3),
+        move("paused", "resume", "ready", "an operator lets it go on: waits for an order", tested, band=4),
+        move("paused", "resume", "checking", "an operator lets it go on", band=5),
         move("paused", "reported", "landed", "disarmed", landed, band=1),
-        move("paused", "reported", "returning", "the vehicle goes home", going_home, band=2),
+        move("paused", "reported", "returning", "the vehicle goes home", going_home_in_air, band=2),
         move("paused", "reported", "flying", "somebody put it back into the mission", in_mission_in_air, band=3),
         ignore("paused", "reported", "a person has it", band=4),
         ignore("paused", "failsafe", "its return is seen when the vehicle complies"),
@@ -339,13 +262,14 @@ CHART: Chart[Facts] = Chart(
         *_in_the_air("returning"),
         ignore("returning", "reported", "on its way home", going_home, band=2),
         move("returning", "reported", "flying", "back in the mission", outward, band=3),
-        ignore("returning", "reported", "on its way home by the mission", in_mission, band=4),
+        ignore("returning", "reported", "on its way home by the mission", homeward_in_mission, band=4),
         move("returning", "reported", "paused", "somebody stopped the return", band=5),
         move("returning", "pause", "paused", "an operator pauses it"),
         move("aborting", "reported", "aborted", "disarmed", disarmed, band=1),
         ignore("aborting", "reported", "on its way home, or asked again soon", band=2),
-        ignore("aborting", "time_passed", "it complies", going_home, band=1),
-        move("aborting", "time_passed", "aborting", "it does not comply: asked again", band=2),
+        move("aborting", "time_passed", "aborting", "it does not comply: asked again"),
+        ignore("aborting", "linked", "it complied when it was last heard", going_home, band=1),
+        move("aborting", "linked", "aborting", "the vehicle is heard again: asked anew", band=2),
         move("landed", "time_passed", "done", "the flight of the mission is over"),
         move("done", "begin", "checking", "a person lets it begin again"),
         move("aborted", "begin", "checking", "a person lets it begin again"),

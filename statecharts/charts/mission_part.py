@@ -27,7 +27,9 @@ from events.schema.safety_pb2 import (
     SetVehicleMode,
 )
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, PointAtAngles, VehicleLinkChanged
-from statecharts.charts.mission import CHART, Facts
+from statecharts.charts.command_flight import failsafe_flies
+from statecharts.charts.mission import CHART
+from statecharts.charts.mission_guards import Facts
 from statecharts.charts.mission_state import EVOLVE, HOMEWARD, VEHICLE, mission
 from statecharts.charts.selftest import selftest
 from statecharts.facts import Vehicle
@@ -48,7 +50,14 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
         return ()
     if row.target == row.source == "flying":
         return (moved(CHART, str(VEHICLE), row), _post(state))
-    return (moved(CHART, str(VEHICLE), row), *_effects(state, row.target, row.because))
+    may = row.target == "checking" or _may_command(state)
+    return (moved(CHART, str(VEHICLE), row), *(_effects(state, row.target, row.because) if may else ()))
+
+
+def _may_command(state: State) -> bool:
+    """Whether the vehicle is heard and no failsafe is bringing it down: then it is asked for nothing else."""
+    vehicle = state.vehicles.get(VEHICLE)
+    return vehicle is not None and vehicle.link and not failsafe_flies(state)
 
 
 def _trigger(state: State, record: Record) -> str:
@@ -111,16 +120,17 @@ def _facts(state: State, record: Record) -> Facts:
     begins_alone = not limits.mission_begun_by_order
     return Facts(
         enabled=limits.mission_enabled,
-        link=vehicle.link,
         tested=plan is not None and selftest(state).state == "passed",
-        may_begin=begins_alone or now.begun,
-        flown_already=begins_alone and plan is not None and plan.revision == now.flown_revision,
+        may_begin=(begins_alone or now.begun) and not vehicle.armed,
+        flown_already=begins_alone and not now.begun and plan is not None and plan.revision == now.flown_revision,
         pilot=limits.pilot_starts or (plan is not None and plan.fixed_wing),
         last_try=now.tries + 1 >= limits.mission_tries,
         final=not isinstance(message, MissionUnavailable) or message.final,
         armed=vehicle.armed,
         mode=vehicle.flight_mode,
         flown=now.flown,
+        holds_plan=now.held_seq > now.plan_seq,
+        left_mission=now.entered_mode == FLIGHT_MODE_MISSION != vehicle.flight_mode,
         homeward=item is not None and item.command in HOMEWARD,
         at_middle=0 <= now.middle_item < now.next_item,
         by_waypoint=limits.follow_by_waypoint and now.middle_item < 0 and item is not None,

@@ -6,10 +6,18 @@ from typing import Any
 
 from events.records import Record
 from events.schema.common_pb2 import Moved
-from events.schema.mission_pb2 import MissionPlanned, MissionProgressReported, PostWaypoint, WaypointPosted
-from events.schema.safety_pb2 import SetVehicleMode
+from events.schema.flight_pb2 import NodeStarted
+from events.schema.mission_pb2 import (
+    MissionPlanned,
+    MissionProgressReported,
+    MissionUploaded,
+    PostWaypoint,
+    WaypointPosted,
+)
+from events.schema.safety_pb2 import FLIGHT_MODE_LAND, FLIGHT_MODE_RETURN, SetVehicleMode
+from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
 from statecharts.charts.mission import CHART, MAY_BEGIN
-from statecharts.facts import Mission
+from statecharts.facts import Mission, Vehicle
 from statecharts.part import Evolve
 from statecharts.state import State
 
@@ -18,7 +26,8 @@ VEHICLE = 1
 # The adapter answers within the life of an effect; this much later the core stops waiting for it.
 OUTCOME_GRACE_MS = 5_000
 HOMEWARD = (20, 21)  # MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_NAV_LAND
-ASKING = ("readying", "arming", "engaging", "starting", "aborting", "landed")  # what waits for mission_step_ms
+ASKING = ("uploading", "readying", "arming", "engaging", "starting", "aborting")  # what waits for the vehicle
+COMPLYING = (FLIGHT_MODE_RETURN, FLIGHT_MODE_LAND)  # what an aborted mission waits for
 
 
 def mission(state: State) -> Mission:
@@ -34,10 +43,22 @@ def _plan(state: State, record: Record) -> None:
     plan = record.message
     assert isinstance(plan, MissionPlanned)
     state.plans.put(VEHICLE, plan)
+    _put(state, plan_seq=record.seq)
 
 
 def _ask(state: State, record: Record) -> None:
     _put(state, effect_seq=record.seq)
+
+
+def _ask_upload(state: State, record: Record) -> None:
+    _put(state, effect_seq=record.seq, held_seq=-1)
+
+
+def _uploaded(state: State, record: Record) -> None:
+    uploaded = record.message
+    assert isinstance(uploaded, MissionUploaded)
+    if uploaded.effect_seq == mission(state).effect_seq:
+        _put(state, held_seq=uploaded.effect_seq)
 
 
 def _ask_mode(state: State, record: Record) -> None:
@@ -78,7 +99,8 @@ def _apply_move(state: State, record: Record) -> None:
         _put(state, middle_item=-1)
     if change.chart != CHART.name:
         return
-    changes: dict[str, Any] = {"state": change.to_state, "tries": 0}
+    vehicle = state.vehicles.get(VEHICLE) or Vehicle()
+    changes: dict[str, Any] = {"state": change.to_state, "tries": 0, "entered_mode": vehicle.flight_mode}
     if change.to_state == change.from_state:
         changes["tries"] = mission(state).tries + 1
     if change.to_state == "flying":
@@ -103,19 +125,49 @@ def _note_beginning(state: State, change: Moved) -> None:
 
 
 def _wait(state: State, record: Record, change: Moved) -> None:
-    limits = state.flight.limits
-    waits_ms = {"uploading": limits.upload_ms + OUTCOME_GRACE_MS} | dict.fromkeys(ASKING, limits.mission_step_ms)
-    if change.to_state in waits_ms:
-        until_ns = record.at.flight_ns + waits_ms[change.to_state] * NS_PER_MS
-        state.deadlines.put((CHART.name, change.instance), until_ns)
+    if change.to_state in ASKING and not (state.vehicles.get(VEHICLE) or Vehicle()).link:
+        state.deadlines.drop((CHART.name, change.instance))  # nothing is asked until the vehicle is heard
+    elif change.to_state in (*ASKING, "landed"):
+        _wait_from(state, record.at.flight_ns, change.to_state)
     else:
         state.deadlines.drop((CHART.name, change.instance))
+
+
+def _wait_from(state: State, now_ns: int, name: str) -> None:
+    limits = state.flight.limits
+    wait_ms = limits.upload_ms + OUTCOME_GRACE_MS if name == "uploading" else limits.mission_step_ms
+    state.deadlines.put((CHART.name, str(VEHICLE)), now_ns + wait_ms * NS_PER_MS)
+
+
+def _silent(state: State, record: Record) -> None:
+    """Wait for no answer of a vehicle that is not heard: it is asked again when it is."""
+    change = record.message
+    here = isinstance(change, NodeStarted) or (isinstance(change, VehicleLinkChanged) and change.vehicle == VEHICLE)
+    if here and not (isinstance(change, VehicleLinkChanged) and change.up) and mission(state).state in ASKING:
+        state.deadlines.drop((CHART.name, str(VEHICLE)))
+
+
+def _reported(state: State, record: Record) -> None:
+    """Wait no longer for a vehicle that is seen to return, and again where it no longer is."""
+    report = record.message
+    assert isinstance(report, VehicleStateReported)
+    if report.vehicle != VEHICLE or mission(state).state != "aborting":
+        return
+    key = (CHART.name, str(VEHICLE))
+    if report.flight_mode in COMPLYING:
+        state.deadlines.drop(key)
+    elif key not in state.deadlines:
+        _wait_from(state, record.at.flight_ns, "aborting")
 
 
 EVOLVE: dict[str, Evolve] = {
     "mission_planned": _plan,
     "fetch_mission": _ask,
-    "upload_mission": _ask,
+    "upload_mission": _ask_upload,
+    "mission_uploaded": _uploaded,
+    "vehicle_state_reported": _reported,
+    "vehicle_link_changed": _silent,
+    "node_started": _silent,
     "arm_vehicle": _ask,
     "start_mission": _ask,
     "set_vehicle_mode": _ask_mode,

@@ -34,7 +34,7 @@ COMPLYING = {
     "landing": (safety_pb2.FLIGHT_MODE_LAND,),
 }
 _BREACHES = {
-    geometry.INCLUSION_EXIT: ("outside every inclusion fence", "on the way out of the inclusion fences"),
+    geometry.INCLUSION_EXIT: ("outside an inclusion fence", "on the way out of an inclusion fence"),
     geometry.EXCLUSION_ENTRY: ("inside an exclusion fence", "on the way into an exclusion fence"),
 }
 

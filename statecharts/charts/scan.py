@@ -6,7 +6,8 @@ the next. While an operator holds the camera or it rests released, the node keep
 floor it does not look closer, for what it would see there could not be followed; it comes back with a margin, so
 that it does not flicker. An operator may have it follow what a person has confirmed: the camera rests on it and turns
 after it when it has moved by half of `same_object_mm`, until somebody takes the camera. It must never move a camera
-that somebody holds, and never at all where `scan_enabled` is off, except to follow what it was ordered to.
+that somebody holds, never ask for a place that would turn a vehicle which must not be turned, and never move a camera
+at all where `scan_enabled` is off, except to follow what it was ordered to.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class Facts:
     camera: str = ""  # state of the camera's chart
     rate_mhz: int = 0
     floor_mhz: int = 0
-    moved_away: bool = False  # what is followed is no longer where the camera points
+    moved_away: bool = False  # what is followed is no longer where the camera points, which may be turned there
 
 
 def slow(facts: Facts) -> bool:
@@ -49,7 +50,7 @@ def held(facts: Facts) -> bool:
 
 
 def moved_away(facts: Facts) -> bool:
-    """What is followed is no longer where the camera points."""
+    """What is followed is no longer where the camera points, and the camera may be turned there."""
     return facts.moved_away
 
 

@@ -48,9 +48,10 @@ def _fire(state: State, key: str, trigger: str, poi_id: str = "") -> tuple[Messa
         return ()
     limits, scan = state.flight.limits, state.scans.get(key) or Scan()
     vehicle = state.vehicles.get(camera.vehicle)
-    enabled = limits.scan_enabled and camera.gimbal > 0 and vehicle is not None and vehicle.link
-    if enabled and gimbals.is_refused(state):  # a look closer asks for a place, which must not turn the vehicle
-        enabled = not gimbals.may_turn_vehicle(state, fitting_key(camera.vehicle, camera.gimbal))
+    able = camera.gimbal > 0 and vehicle is not None and vehicle.link
+    if able and gimbals.is_refused(state):  # what is asked for is a place, which must not turn the vehicle
+        able = not gimbals.may_turn_vehicle(state, fitting_key(camera.vehicle, camera.gimbal))
+    enabled = limits.scan_enabled and able
     candidate = _candidate(state, key) if enabled and camera.state == "automatic" else None
     facts = Facts(
         enabled=enabled,
@@ -59,6 +60,7 @@ def _fire(state: State, key: str, trigger: str, poi_id: str = "") -> tuple[Messa
         rate_mhz=_rate_mhz(scan, limits.frame_rate_floor_mhz),
         floor_mhz=limits.frame_rate_floor_mhz,
         moved_away=scan.state == "following"
+        and able
         and not _spot(state, scan.poi_id).within(scan.spot, limits.same_object_mm // 2),
     )
     row = CHART.ask(scan.state, trigger, facts)

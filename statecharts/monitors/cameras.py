@@ -13,6 +13,7 @@ from events.schema.vehicle_pb2 import (
     TakeGimbal,
 )
 from statecharts.monitors.monitor import Monitor, Said, Step, key_of, moves_of, order_of
+from statecharts.state import State
 
 _POINTING = ("point_at_place", "point_at_angles", "release_pointing")
 
@@ -49,9 +50,9 @@ class OneMaster(Monitor):
 
 
 class HandsOff(Monitor):
-    """The node itself moves no camera that somebody has, or that rests, and none where it may not at all.
+    """The node itself moves no camera that somebody has, or that rests; and none where it may not, but to follow.
 
-    Where the scan is switched off it moves one to follow what it was ordered to, and as a mission begins to fly.
+    Following is ordered, and over as soon as somebody takes the camera. A mission turns its cameras as it begins to fly.
     """
 
     kinds = ("moved", *_POINTING)
@@ -59,24 +60,35 @@ class HandsOff(Monitor):
     def __init__(self, limits: Limits, whole: bool) -> None:
         super().__init__(limits, whole)
         self._cameras: dict[str, str] = {}
+        self._following: dict[str, None] = {}
+
+    def resume(self, state: State) -> None:
+        """Take over what was ordered to follow before the start."""
+        self._following = {key: None for key, scan in state.scans.items() if scan.state == "following"}
 
     def look(self, step: Step) -> Said:
         """See who moves."""
         self._cameras.update((move.instance, move.to_state) for move in moves_of(step, "camera"))
+        for move in moves_of(step, "camera"):
+            if move.to_state != "automatic":
+                self._following.pop(move.instance, None)
+        order, accepted = step[0].message, any(move.to_state == "accepted" for move in moves_of(step, "command"))
+        if isinstance(order, OrderReceived) and order.WhichOneof("order") == "follow_poi" and accepted:
+            self._following[f"1/{order.follow_poi.camera}"] = None
         for record in step:
             effect = record.message
             if not isinstance(effect, PointAtPlace | PointAtAngles | ReleasePointing) or order_of(record):
                 continue
-            if self._cameras.get(f"{effect.vehicle}/{effect.camera}", "automatic") != "automatic":
+            camera = f"{effect.vehicle}/{effect.camera}"
+            if self._cameras.get(camera, "automatic") != "automatic":
                 yield "hands_off", f"record {record.seq} moves a camera that the node does not have"
-            if not self.limits.scan_enabled and not _was_asked_for(step):
+            if not (self.limits.scan_enabled or camera in self._following or _begins_to_fly(step)):
                 yield "hands_off", f"record {record.seq} moves a camera where that is switched off"
 
 
-def _was_asked_for(step: Step) -> bool:
-    """Whether a person had the node follow a finding, or a mission begins that wants its cameras down."""
-    follows = any(move.to_state == "following" for move in moves_of(step, "scan"))
-    return follows or any(move.to_state == "flying" for move in moves_of(step, "mission"))
+def _begins_to_fly(step: Step) -> bool:
+    """Whether a mission begins to fly, which wants its cameras down."""
+    return any(move.to_state == "flying" for move in moves_of(step, "mission"))
 
 
 class NobodyIsFought(Monitor):

@@ -64,11 +64,9 @@ def winding(spot: Spot, corners: tuple[Spot, ...]) -> int | None:
 
 
 def is_outside(spot: Spot, areas: list[Area]) -> bool:
-    """Whether a place is in an exclusion, or in no inclusion where there are any; each with its edge."""
+    """Whether a place is in an exclusion, or not in an inclusion; each with its edge."""
     found = [(inclusion, winding(spot, corners)) for inclusion, corners in areas]
-    shut = any(turns is None or turns % 2 for inclusion, turns in found if not inclusion)
-    inside = [turns is not None and turns % 2 == 1 for inclusion, turns in found if inclusion]
-    return bool(shut) or (bool(inside) and not any(inside))
+    return any(turns is None or (turns % 2 == 1) != inclusion for inclusion, turns in found)
 
 
 class Failsafes(Monitor):

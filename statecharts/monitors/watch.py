@@ -11,6 +11,7 @@ from events.schema.flight_pb2 import FlightOpened, Limits
 from statecharts.monitors.cameras import CAMERAS
 from statecharts.monitors.failsafes import Failsafes
 from statecharts.monitors.findings import FINDINGS
+from statecharts.monitors.missions import Missions
 from statecharts.monitors.monitor import Monitor
 from statecharts.monitors.moves import MovesJoin
 from statecharts.monitors.orders import ORDERS
@@ -33,7 +34,7 @@ class Watch:
         """Watch from the manifest on; or from a start on, where the state is the one that the start found."""
         whole = state is None
         limits = Limits() if state is None else state.flight.limits
-        kinds: tuple[type[Monitor], ...] = (MovesJoin, *ORDERS, *CAMERAS, *FINDINGS, *VEHICLE, Failsafes)
+        kinds: tuple[type[Monitor], ...] = (MovesJoin, *ORDERS, *CAMERAS, *FINDINGS, *VEHICLE, Failsafes, Missions)
         self._monitors = [kind(limits, whole) for kind in kinds]
         self._masks: dict[str, int] = {}
         for place, monitor in enumerate(self._monitors):

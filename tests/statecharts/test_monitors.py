@@ -160,6 +160,30 @@ def test_a_monitor_speaks_up(monitor: str, change: Callable[[Flight], None]) -> 
     check_equal(monitor in {complaint.split(":")[0] for complaint in complaints(flight)}, True)
 
 
+def followed(*told: str) -> Flight:
+    """Return a flight in which a camera is ordered to follow where the node may not look by itself, and these words."""
+    story = Story(sightings_to_ask=1, frame_rate_floor_mhz=0)
+    for words in ("frame person@0,0", "time", "order b confirm p1", "order f follow p1", "frame person@6,0", *told):
+        story.tell(words)
+    return steps(story.flight.records)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        cut("order_received", command_id="f"),
+        other("moved", {"to_state": "rejected"}, chart="command", instance="alpha/f", to_state="accepted"),
+        lambda flight: flight.append([followed()[-1][0], *followed()[-1][1:]]),
+    ],
+)
+def test_what_is_followed_was_ordered(change: Callable[[Flight], None]) -> None:
+    """Nothing is said while it is; without the order, or after somebody took the camera, the node's hands are off."""
+    check_equal([one for one in complaints(followed()) if one.startswith("hands_off")], [])
+    flight = followed("order t turn")
+    change(flight)
+    check_equal("hands_off" in {complaint.split(":")[0] for complaint in complaints(flight)}, True)
+
+
 def test_a_good_flight_is_quiet() -> None:
     """Nothing is said about a flight in which most things happen once."""
     check_equal(complaints(list(steps_of(whole_flight().records))), [])

@@ -6,6 +6,8 @@ shell was late.
 
 from __future__ import annotations
 
+from typing import Any
+
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +15,7 @@ from events import read_record
 from events.schema.flight_pb2 import BaselineCarried
 from statecharts import State, carry_over, restore, step, steps_of
 from statecharts.engine import Step
+from tests import flying
 from tests.checks import check_equal, check_moves_are_the_state, check_same
 from tests.flights import opened_well
 from tests.monitors import complaints
@@ -52,6 +55,38 @@ DANGERS = st.one_of(
         st.sampled_from([0, 1, 20, 600, 601]),
     ),
 )
+MISSIONS = st.one_of(
+    st.sampled_from(
+        ["planned", "planned", "planned rev=b items=takeoff,go,home", "planned wing=1", "no-mission final=1"]
+    ),
+    st.sampled_from(["report pass", "report pass", "report pass,degraded", "report fail", "report-of 7"]),
+    st.sampled_from(["uploaded", "uploaded", "uploaded", "uploaded 9", "not-uploaded"]),
+    st.sampled_from(["did 0", "did 0", "did 0", "did 4", "did 5", "did-not", "posted", "posted refused"]),
+    st.sampled_from(["disarmed", "armed", "mode guided", "mode mission", "mode mission", "mode loiter", "mode return"]),
+    st.builds("at {} reached={}".format, st.integers(0, 4), st.integers(0, 4)),
+)
+ASKED = st.builds(
+    "order {} {}{}".format,
+    st.text("qrst", min_size=2, max_size=4),
+    st.one_of(
+        st.sampled_from(
+            ["begin", "begin", "turn roles=camera", "pause", "resume", "abort", "acknowledge 20", "go-into loiter"]
+        ),
+        st.sampled_from(["fly", "fly to=60,0", "fly to=0,0"]),
+    ),
+    st.sampled_from(["", "", " by=bravo", " roles=camera"]),
+)
+FOLLOWING = st.builds("order {} follow {}".format, st.text("uvwx", min_size=2, max_size=4), POIS)
+# What leads into the air, and to a waypoint where something is followed; a flight may begin with any part of it.
+WAY = tuple(
+    """
+    disarmed|planned|report pass|order {0} begin|uploaded|did 0|armed|mode mission|did 0|at 1|mode mission|lens zooms
+    frame person@5,5|time|order {0}c confirm p1|order {0}f follow p1|posted|planned rev=b items=takeoff,go,go,go,home
+    uploaded|mode mission|at 2 reached=1|mode loiter
+    """.strip()
+    .replace("\n", "|")
+    .split("|")
+)
 WORDS = st.one_of(
     OUTCOMES,
     OUTCOMES,
@@ -83,24 +118,49 @@ WORDS = st.one_of(
     st.sampled_from(["vehicle down", "vehicle up", "vehicle up", "start", "malformed e", "malformed a"]),
     DANGERS,
     DANGERS,
+    MISSIONS,
+    MISSIONS,
+    ASKED,
+    FOLLOWING,
 )
-STEPS = st.lists(
-    st.tuples(st.sampled_from([0, 0, 0, 1, 50, 50, 500, 500, 3_000, 15_000, 40_000, 200_000]), WORDS),
-    min_size=10,
-    max_size=40,
+LATER = st.sampled_from([0, 0, 0, 1, 50, 50, 500, 500, 3_000, 15_000, 40_000, 200_000])
+SOON = st.sampled_from([0, 20, 20, 500, 3_000, 11_000])
+STEPS = st.lists(st.tuples(LATER, WORDS), min_size=10, max_size=40)
+AIRBORNE = st.builds(
+    lambda upto, name, steps: [*((20, words.strip().format(name)) for words in WAY[:upto]), *steps],
+    st.integers(1, len(WAY)),
+    st.text("yz", min_size=2, max_size=3),
+    st.lists(st.tuples(SOON, st.one_of(MISSIONS, MISSIONS, ASKED, FOLLOWING, DANGERS, WORDS)), max_size=30),
 )
-LIMITS = SAFE_LIMITS | {
-    "sightings_to_ask": 1,
-    "asks_per_minute": 2,
-    "scan_enabled": True,
-    "frame_rate_floor_mhz": 200,
-    "failsafe_again_ms": 20_000,
-}
+FLIGHTS = st.one_of(STEPS, AIRBORNE)
+LIMITS = (
+    flying.LIMITS
+    | SAFE_LIMITS
+    | {
+        "sightings_to_ask": 1,
+        "asks_per_minute": 2,
+        "scan_enabled": True,
+        "frame_rate_floor_mhz": 200,
+        "failsafe_again_ms": 20_000,
+    }
+)
 
 
-def fly(steps: list[tuple[int, str]], prompt: bool) -> Story:
+CHANGES: tuple[dict[str, Any], ...] = (
+    {},
+    {"operator_lost_ms": 0},
+    {"operator_lost_ms": 0, "battery_return_percent": 0},
+    {"mission_begun_by_order": False},
+    {"pilot_starts": True},
+    {"mission_enabled": False},
+    {"mission_enabled": False, "flight_enabled": False},
+    {"follow_by_waypoint": False, "mission_tries": 1},
+)
+
+
+def fly(steps: list[tuple[int, str]], prompt: bool, changes: dict[str, Any] | None = None) -> Story:
     """Tell a flight; a prompt shell lets time pass at every deadline, another only when something else happens."""
-    story = Story(**LIMITS)
+    story = Story(**LIMITS | (changes or {}))
     at_ms = 0
     for after_ms, words in steps:
         at_ms += after_ms
@@ -127,10 +187,12 @@ def let_time_pass(story: Story, until_ms: int, prompt: bool) -> None:
 
 
 @settings(max_examples=120, deadline=None)
-@given(STEPS, st.booleans())
-def test_monitors_have_nothing_to_say_and_a_restart_changes_nothing(steps: list[tuple[int, str]], prompt: bool) -> None:
+@given(FLIGHTS, st.booleans(), st.sampled_from(CHANGES))
+def test_monitors_have_nothing_to_say_and_a_restart_changes_nothing(
+    steps: list[tuple[int, str]], prompt: bool, changes: dict[str, Any]
+) -> None:
     """Safety holds, nothing raises, and both a restart from the stored bytes and a replay find the same."""
-    story = fly(steps, prompt)
+    story = fly(steps, prompt, changes)
     records = [read_record(stored) for stored in story.flight.store.stored()]
     check_equal(records, story.flight.records)
     groups = list(steps_of(records))
@@ -145,10 +207,10 @@ def test_monitors_have_nothing_to_say_and_a_restart_changes_nothing(steps: list[
 
 
 @settings(max_examples=60, deadline=None)
-@given(STEPS, st.integers(0, 100_000))
+@given(FLIGHTS, st.integers(0, 100_000))
 def test_the_next_flight_begins_where_this_one_ends(steps: list[tuple[int, str]], later_ns: int) -> None:
     """What is carried over and loaded is carried over the same again; orders under way end as unknown."""
-    story = fly(steps[:15], prompt=True)
+    story = fly(steps[:20], prompt=True)
     carried = carry_over(story.flight.state, story.flight.now_ns + later_ns)
     manifest, started, *rest = opened_well(story.flight.state.flight.limits)
     after = Story(manifest, BaselineCarried(state=carried))

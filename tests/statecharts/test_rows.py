@@ -114,6 +114,7 @@ def test_every_observation_and_decision_has_a_reader() -> None:
     for_people = {"eyes_changed", "inputs_dropped", "samples_rejected", "property_broken"}
     for_people |= {"log_recovered", "log_damaged", "disk_full", "flight_deleted", "log_key_certified", "seal_refused"}
     for_people |= {"checkpoint_cosigned", "trust_alarm", "camera_zoomed"}
+    for_people |= {"vehicle_identified", "vehicle_time_compared", "raw_changed", "raw_segment_closed"}
     check_equal(silent, for_people)
 
 

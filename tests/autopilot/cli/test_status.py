@@ -192,7 +192,7 @@ def test_a_screen_in_danger() -> None:
         story.flight,
         "vehicle 1 heard, armed, battery 24 %, at 52.1000000 4.3002941, 50.0 m above home",
         "failsafes on, link to operators degraded",
-        "1/fence returning: outside every inclusion fence",
+        "1/fence returning: outside an inclusion fence",
         "1/battery held off: battery at 24 %",
         "ALPHA holds battery return off: x, 55.0 s left",
         "BROKEN hands_off, which must never be: record 7: so it is",

@@ -44,7 +44,7 @@ def test_what_operators_are_told() -> None:
     check_equal((told.failsafes_enabled, told.operator_link, told.battery_percent), (True, "degraded", 24))
     found = [(one.name, one.state, one.because) for one in told.failsafes]
     check_equal(
-        found, [("fence", "returning", "outside every inclusion fence"), ("battery", "held off", "battery at 24 %")]
+        found, [("fence", "returning", "outside an inclusion fence"), ("battery", "held off", "battery at 24 %")]
     )
     held = [(one.scope, one.callsign, one.reason, one.left_ms) for one in told.overrides]
     check_equal(held, [("battery_return", "ALPHA", "x", 54_000)])

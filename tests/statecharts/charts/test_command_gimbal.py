@@ -146,6 +146,63 @@ def test_the_node_does_not_look_closer_where_that_turns_the_vehicle() -> None:
         check_equal("point_at_place" in kinds, looks)
 
 
+def confirmed(**changes: object) -> Story:
+    """Return a story with a finding at 9, 9 that a person has confirmed, on a vehicle that is not turned by it."""
+    story = Story(sightings_to_ask=1, frame_rate_floor_mhz=0, **({"roi_turning": ROI_TURNING_REFUSE} | changes))
+    for line in ("frame person@9,9", "time", "order c confirm p1"):
+        story.tell(line)
+    return story
+
+
+def test_nothing_is_followed_that_would_turn_the_vehicle() -> None:
+    """Following has the camera look at places, so it is held to the same as a place is."""
+    check_chart(
+        "command",
+        """
+        at_s | observe           | say        | why
+        1    | order a follow p1 | a rejected | the gimbal is not known yet: the vehicle itself might turn
+        2    | described turns   | -          | -
+        3    | order b follow p1 | b rejected | no gimbal that pans: the vehicle itself would turn
+        4    | described pans    | -          | -
+        5    | order d follow p1 | d accepted; look 9,9 | the camera follows it
+        """,
+        confirmed(),
+    )
+
+
+def test_whoever_has_something_followed_is_told_what_may_turn_and_who_has_the_gimbal() -> None:
+    """As whoever points; control is asked for before the camera is turned."""
+    check_chart(
+        "command",
+        """
+        at_s | observe           | say                        | why
+        1    | described turns   | -                          | -
+        2    | control 255/190   | -                          | -
+        3    | order a follow p1 | a accepted; look 9,9       | the camera follows it; 255/190 controls the gimbal; \
+no gimbal that pans: the vehicle itself may turn
+        4    | described pans    | -                          | -
+        5    | control 0/0       | -                          | -
+        6    | order b follow p9 | b rejected                 | only what a person has confirmed is followed
+        7    | order d follow p1 | take; d accepted; look 9,9 | the camera follows it
+        8    | again d           | d accepted again           | the camera follows it
+        """,
+        confirmed(roi_turning=ROI_TURNING_WARN),
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "turns"),
+    [("described turns", False), ("vehicle down", False), ("described pans", True), ("zoomed 0", True)],
+)
+def test_what_is_followed_is_not_turned_after_where_that_turns_the_vehicle(words: str, turns: bool) -> None:
+    """Nor while the vehicle is not heard; what is known of the gimbal may change while something is followed."""
+    story = confirmed()
+    for line in ("described pans", "order a follow p1", words):
+        story.tell(line)
+    kinds = {record.kind.name for record in story.tell("frame person@14,9")}
+    check_equal("point_at_place" in kinds, turns)
+
+
 @pytest.mark.parametrize(
     ("angle_cdeg", "words", "rounded"),
     [(0, "0", "0.0"), (9_000, "90", "90.0"), (-4_550, "-45.5", ""), (1, "0.01", "0.0"), (1_095, "10.95", "11.0")],

@@ -44,6 +44,31 @@ def test_it_leaves_before_the_pointing_and_names_the_gimbal() -> None:
     check_equal(given, [GiveUpGimbal(vehicle=1, gimbal=1, life_ms=5_000)])
 
 
+def test_the_first_follow_takes_it_too() -> None:
+    """And keeps it while it follows, though no operator holds the camera; whoever takes the camera next has it."""
+    story = Story(sightings_to_ask=1, frame_rate_floor_mhz=0)
+    for line in ("frame person@9,9", "time", "order z confirm p1"):
+        story.tell(line)
+    story = check_chart(
+        "control",
+        """
+        at_s | observe            | state      | say     | why
+        0    | control 0/0        | 1/1 nobody | -       | nobody controls it
+        1    | order a follow p1  | 1/1 asked  | take    | asked for: an operator points it
+        1.1  | control 1/191 ours | 1/1 ours   | -       | this node controls it
+        2    | order b follow p1  | -          | -       | -
+        3    | control 0/0        | 1/1 nobody | -       | nobody controls it
+        4    | control 1/191 ours | 1/1 ours   | -       | this node controls it
+        5    | order d turn       | -          | -       | -
+        6    | order e follow p1  | -          | -       | -
+        7    | order f release    | -          | -       | -
+        10   | time               | 1/1 nobody | give up | given up: no operator holds the camera any more
+        """,
+        story,
+    )
+    check_equal(story.flight.state.scans["1/1"].state, "zoomed_out")
+
+
 def test_another_is_left_it() -> None:
     """Nothing is sent while another has it, nor for what nobody points; free again, the next order takes it."""
     check_chart(

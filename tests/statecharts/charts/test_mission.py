@@ -8,7 +8,6 @@ import pytest
 
 from events.schema.common_pb2 import Moved
 from statecharts.carry import carry_over
-from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
 from statecharts.charts.opening import load_carried
 from statecharts.state import State
 from tests import flying
@@ -165,6 +164,7 @@ def test_it_may_begin_by_itself_and_then_once() -> None:
         at_s | observe       | state      | say   | why
         0    | planned       | 1 done     | -     | flown already; begins again only by order
         1    | order a begin | 1 checking | fetch | a person lets it begin again
+        2    | planned       | 1 selftest | -     | planned
         """,
         following,
     )
@@ -225,9 +225,12 @@ def test_aborted() -> None:
         8    | order x abort | 1 aborting | go return | an operator aborts it
         18   | time          | 1 aborting | go return | it does not comply: asked again
         19   | mode return   | -          | -         | -
-        28   | time          | -          | -         | -
-        40   | disarmed      | 1 aborted  | -         | disarmed
-        50   | order b begin | 1 checking | fetch     | a person lets it begin again
+        30   | mode guided   | -          | -         | -
+        31   | mode loiter   | -          | -         | -
+        40   | time          | 1 aborting | go return | it does not comply: asked again
+        41   | mode land     | -          | -         | -
+        60   | disarmed      | 1 aborted  | -         | disarmed
+        70   | order b begin | 1 checking | fetch     | a person lets it begin again
         """,
         story(AIR),
     )
@@ -257,17 +260,19 @@ def test_no_mission_to_be_had() -> None:
 
 
 def test_a_start_in_the_middle_of_it() -> None:
-    """What was asked and not answered is asked again, by its own deadline; an upload at once; in the air it watches."""
+    """What was asked and not answered is asked again when the vehicle is heard; in the air it watches."""
     check_chart(
         "mission",
         """
-        at_s | observe  | state       | say       | why
-        3    | start    | 1 uploading | upload 4  | started again: what became of the upload is unknown
-        4    | uploaded | 1 readying  | go guided | the vehicle has the plan, read back
-        5    | start    | -           | -         | -
-        14   | time     | 1 readying  | go guided | nothing came of it: tried again
+        at_s | observe    | state       | say       | why
+        3    | start      | -           | -         | -
+        70   | vehicle up | 1 uploading | upload 4  | the vehicle is heard again: asked anew
+        71   | uploaded   | 1 readying  | go guided | the vehicle has the plan, read back
+        72   | start      | -           | -         | -
+        90   | vehicle up | 1 readying  | go guided | the vehicle is heard again: asked anew
+        100  | time       | 1 paused    | -         | nothing came of it, as often as it may be tried
         """,
-        story(GROUND),
+        story(GROUND, mission_tries=2),
     )
     check_chart(
         "mission",
@@ -279,36 +284,6 @@ def test_a_start_in_the_middle_of_it() -> None:
         """,
         story(AIR),
     )
-
-
-@pytest.mark.parametrize("verb", ["begin", "pause", "resume", "abort"])
-def test_what_may_be_asked_and_when(verb: str) -> None:
-    """Elsewhere the order is refused with a reason, and the mission does not move."""
-    may = {"begin": MAY_BEGIN, "pause": MAY_PAUSE, "resume": MAY_RESUME}.get(verb)
-    for state in STATES:
-        tale = story()
-        tale.tell("planned")
-        tale.flight.state.missions.put(1, tale.flight.state.missions[1]._replace(state=state))
-        tale.tell(f"order a {verb}")
-        answer = tale.flight.state.orders["alpha/a"]
-        allowed = state in may if may is not None else state not in OVER
-        expected = ("accepted", "recorded") if allowed else ("rejected", "the mission is not at that")
-        check_equal((state, answer.state, answer.detail), (state, *expected))
-
-
-def test_who_may_order_it() -> None:
-    """A role of the flight; a camera's is not enough; and a node that flies no missions says so."""
-    cases: tuple[tuple[dict[str, Any], str, str], ...] = (
-        ({}, "order a begin roles=camera", "unauthorised"),
-        ({}, "order a begin", "accepted"),
-        ({"mission_enabled": False}, "order a begin", "unsupported"),
-        ({"flight_enabled": False}, "order a begin", "accepted"),
-        ({"flight_enabled": False, "mission_enabled": False}, "order a fly", "unsupported"),
-    )
-    for changes, words, expected in cases:
-        tale = story(**changes)
-        tale.tell(words)
-        check_equal(tale.flight.state.orders["alpha/a"].state, expected)
 
 
 def test_progress_where_the_vehicle_does_not_name_every_item() -> None:

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from statecharts.charts.mission import CHART, Facts
+from statecharts.charts.mission import CHART
+from statecharts.charts.mission_guards import Facts
 from statecharts.table import Answer
 from tests import flying
 from tests.checks import check_equal, check_exactly_one_row
@@ -44,7 +45,11 @@ def test_what_is_seen_decides_each_step() -> None:
         check_row("engaging", "reported", target, mode, armed=True)
     check_row("engaging", "reported", "flying", "mission", **AIRBORNE)
     check_row("engaging", "reported", "landed", flown=True)
-    check_row("engaging", "reported", "engaging", "return")
+    check_row("engaging", "reported", "paused", "return")
+    check_row("engaging", "reported", "paused", "loiter", left_mission=True, **AIRBORNE)
+    check_row("engaging", "reported", "engaging", "loiter", left_mission=True, armed=True)
+    for mode, target in (("mission", "starting"), ("land", "returning"), ("guided", "paused"), ("none", "paused")):
+        check_row("starting", "reported", target, mode, armed=True)
     for mode, facts, target in (
         ("mission", {"armed": True}, "flying"),
         ("guided", {"armed": True}, "waiting_for_pilot"),
@@ -59,6 +64,11 @@ def test_while_the_plan_goes_up() -> None:
     check_row("uploading", "reported", "uploading")
     check_row("uploading", "reported", "returning", "land", **AIRBORNE)
     check_row("uploading", "reported", "uploading", "mission", **AIRBORNE)
+    check_row("uploading", "reported", "paused", "loiter", left_mission=True, **AIRBORNE)
+    check_row("uploading", "reported", "uploading", "loiter", left_mission=True, armed=True)
+    check_row("uploading", "uploaded", "engaging", **AIRBORNE)
+    check_row("uploading", "uploaded", "waiting_for_pilot", pilot=True, armed=True)
+    check_row("uploading", "uploaded", "paused", armed=True)
     check_row("uploading", "pause", "paused")
     check_row("uploading", "abort", "aborting", armed=True)
     check_row("uploading", "abort", "aborted")
@@ -70,9 +80,8 @@ def test_while_the_plan_goes_up() -> None:
 
 def test_how_it_begins() -> None:
     """Off, without a vehicle, with one; given up before anything flies; planned anew with a test that was passed."""
-    check_row("idle", "node_started", "idle", link=True)
+    check_row("idle", "node_started", "idle")
     check_row("idle", "node_started", "linking", enabled=True)
-    check_row("idle", "node_started", "checking", enabled=True, link=True)
     for state in ("linking", "checking", "selftest", "ready", "waiting_for_pilot"):
         check_row(state, "abort", "aborted")
     check_row("checking", "planned", "selftest", may_begin=True)
@@ -83,13 +92,19 @@ def test_how_it_begins() -> None:
 
 def test_whoever_has_it_paused() -> None:
     """What is resumed depends on where the vehicle is; aborting brings it home if it is up."""
-    check_row("paused", "resume", "engaging", **AIRBORNE)
-    check_row("paused", "resume", "uploading", tested=True)
+    check_row("paused", "resume", "engaging", holds_plan=True, **AIRBORNE)
+    check_row("paused", "resume", "uploading", **AIRBORNE)
+    check_row("paused", "resume", "uploading", tested=True, may_begin=True)
+    check_row("paused", "resume", "ready", tested=True)
+    check_row("paused", "resume", "checking", may_begin=True)
     check_row("paused", "resume", "checking")
     check_row("paused", "abort", "aborting", armed=True)
     check_row("paused", "abort", "aborted")
     check_row("paused", "reported", "paused", "mission", armed=True)
     check_row("paused", "reported", "paused", "return")
+    check_row("paused", "reported", "paused", "return", armed=True)
+    check_row("paused", "reported", "returning", "return", **AIRBORNE)
+    check_row("returning", "reported", "paused", "mission", armed=True)
     check_row("paused", "reported", "landed", flown=True)
     check_row("paused", "failsafe", "paused")
 
@@ -105,6 +120,10 @@ def test_on_the_way_home() -> None:
     check_row("returning", "pause", "paused")
     check_row("returning", "abort", "aborting")
     check_row("aborting", "time_passed", "aborting", "return")
+    for facts, answer in (({}, Answer.MOVE), ({"armed": True}, Answer.IGNORE)):
+        check_equal(CHART.ask("aborting", "linked", Facts(mode=MODES["land"], **facts)).answer, answer)
+    check_row("waiting_for_pilot", "planned", "uploading")
+    check_row("waiting_for_pilot", "planned", "waiting_for_pilot", armed=True)
     for state in ("flying", "following"):
         check_row(state, "failsafe", "returning", **AIRBORNE)
         check_row(state, "reported", "returning", "return", **AIRBORNE)

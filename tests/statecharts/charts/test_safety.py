@@ -110,7 +110,7 @@ def test_fence_at_speed_out_of_an_inclusion() -> None:
         at_s | observe              | state              | say
         0    | spot 0,0 speed=20,0    | -                  | -
         1    | spot 59.9 speed=20,0   | -                  | -
-        1.5  | spot 60,0 speed=20,0   | 1/fence returning  | return: on the way out of the inclusion fences
+        1.5  | spot 60,0 speed=20,0   | 1/fence returning  | return: on the way out of an inclusion fence
         2    | spot 75,0 speed=15,0   | -                  | -
         2.5  | flies return         | 1/fence complying  | -
         3    | spot 101,0 speed=5,0   | -                  | -
@@ -146,7 +146,7 @@ def test_fence_by_place_alone() -> None:
         """
         at_s | observe              | state             | say
         0    | spot 99,0 speed=90,0   | -                 | -
-        1    | spot 100,0             | 1/fence returning | return: outside every inclusion fence
+        1    | spot 100,0             | 1/fence returning | return: outside an inclusion fence
         2    | fence in=0,0,500,500 | -                 | -
         3    | fence in=0,-9,500,5  | 1/fence ok        | -
         4    | fence out=99,-1,101,1 | 1/fence pending  | -
@@ -209,10 +209,10 @@ def test_a_place_from_before_a_silence_is_not_believed() -> None:
         "safety",
         """
         at_s | observe        | state             | say
-        0    | spot 200,0       | 1/fence returning | return: outside every inclusion fence
+        0    | spot 200,0       | 1/fence returning | return: outside an inclusion fence
         1    | vehicle down   | 1/fence ok        | -
         10   | vehicle up     | -                 | -
-        11   | spot 190,0       | 1/fence returning | return: outside every inclusion fence
+        11   | spot 190,0       | 1/fence returning | return: outside an inclusion fence
         """,
         flight(SQUARE),
     )
@@ -241,7 +241,7 @@ def test_the_landing_is_stronger_than_every_return() -> None:
         "safety",
         """
         at_s | observe      | state                                   | say
-        0    | spot 200,0     | 1/fence returning                       | return: outside every inclusion fence
+        0    | spot 200,0     | 1/fence returning                       | return: outside an inclusion fence
         1    | battery 15   | 1/fence overruled, 1/battery landing    | land: battery at 15 %
         6    | time         | 1/battery landing                       | land: battery at 15 %
         7    | flies land   | 1/battery complying                     | -

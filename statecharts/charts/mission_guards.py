@@ -1,0 +1,174 @@
+"""Facts and guards of the chart `mission`: what its rows look at. The rows are in `mission.py`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from events.schema.safety_pb2 import (
+    FLIGHT_MODE_GUIDED,
+    FLIGHT_MODE_LAND,
+    FLIGHT_MODE_LOITER,
+    FLIGHT_MODE_MISSION,
+    FLIGHT_MODE_RETURN,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the guards look at."""
+
+    enabled: bool = False  # this node flies missions
+    tested: bool = False  # the self-test has passed
+    may_begin: bool = False  # nobody has to order it, or somebody has; and the vehicle is not armed
+    flown_already: bool = False  # this revision was flown, and would begin by itself
+    pilot: bool = False  # a pilot arms and starts
+    last_try: bool = False  # the present step was begun as often as it may be
+    final: bool = True  # no mission can be had, for good
+    armed: bool = False
+    mode: int = 0  # FlightMode of the vehicle; 0 where it is none that is known
+    flown: bool = False  # the mission was under way in the air in this flight
+    holds_plan: bool = False  # the vehicle holds the newest plan, read back
+    left_mission: bool = False  # it was in the mission's mode when this state was entered, and is no longer
+    homeward: bool = False  # the item that the vehicle is at brings it home or down
+    at_middle: bool = False  # the vehicle has reached the waypoint that was asked for in the middle
+    by_waypoint: bool = False  # what is followed gets a waypoint
+
+
+def off(facts: Facts) -> bool:
+    """No missions are flown by this node."""
+    return not facts.enabled
+
+
+def flown_already(facts: Facts) -> bool:
+    """The revision was flown to its end, and nobody ordered it again."""
+    return facts.flown_already
+
+
+def tested_and_begun(facts: Facts) -> bool:
+    """The self-test has passed, and the mission may begin."""
+    return facts.tested and facts.may_begin
+
+
+def tested(facts: Facts) -> bool:
+    """The self-test has passed."""
+    return facts.tested
+
+
+def may_begin(facts: Facts) -> bool:
+    """Nobody has to order it, or somebody has, and the vehicle is not armed yet."""
+    return facts.may_begin
+
+
+def goes_on_trying(facts: Facts) -> bool:
+    """The mission is still being looked for."""
+    return not facts.final
+
+
+def last_try(facts: Facts) -> bool:
+    """The step was begun as often as it may be."""
+    return facts.last_try
+
+
+def in_air(facts: Facts) -> bool:
+    """The mission is under way in the air."""
+    return facts.flown and facts.armed
+
+
+def in_air_with_plan(facts: Facts) -> bool:
+    """The mission is under way in the air, and the vehicle holds the newest plan."""
+    return in_air(facts) and facts.holds_plan
+
+
+def holds_plan(facts: Facts) -> bool:
+    """The vehicle holds the newest plan."""
+    return facts.holds_plan
+
+
+def in_mission_with_plan(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission, by the newest plan."""
+    return facts.mode == FLIGHT_MODE_MISSION and facts.holds_plan
+
+
+def taken(facts: Facts) -> bool:
+    """In the air the vehicle has left the mission's mode, and nobody here asked it to."""
+    return in_air(facts) and facts.left_mission
+
+
+def in_mission_or_holding(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission still, or that it waits where it is."""
+    return facts.mode in (FLIGHT_MODE_MISSION, FLIGHT_MODE_LOITER)
+
+
+def pilot(facts: Facts) -> bool:
+    """A pilot arms and starts."""
+    return facts.pilot
+
+
+def armed(facts: Facts) -> bool:
+    """The motors are armed."""
+    return facts.armed
+
+
+def disarmed(facts: Facts) -> bool:
+    """The motors are not armed."""
+    return not facts.armed
+
+
+def holding(facts: Facts) -> bool:
+    """The vehicle says that it holds, or takes places one by one."""
+    return facts.mode in (FLIGHT_MODE_GUIDED, FLIGHT_MODE_LOITER)
+
+
+def in_mission(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission."""
+    return facts.mode == FLIGHT_MODE_MISSION
+
+
+def in_mission_in_air(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission, and it had been under way before."""
+    return in_air(facts) and facts.mode == FLIGHT_MODE_MISSION
+
+
+def started_by_pilot(facts: Facts) -> bool:
+    """The vehicle says that it is armed and flies the mission."""
+    return facts.armed and facts.mode == FLIGHT_MODE_MISSION
+
+
+def going_home(facts: Facts) -> bool:
+    """The vehicle says that it returns or lands."""
+    return facts.armed and facts.mode in (FLIGHT_MODE_RETURN, FLIGHT_MODE_LAND)
+
+
+def landed(facts: Facts) -> bool:
+    """The mission was under way in the air, and the motors are off."""
+    return facts.flown and not facts.armed
+
+
+def homeward(facts: Facts) -> bool:
+    """The item that the vehicle is at brings it home or down."""
+    return facts.homeward
+
+
+def going_home_in_air(facts: Facts) -> bool:
+    """The vehicle says that it returns or lands, and the mission was under way in the air."""
+    return facts.flown and going_home(facts)
+
+
+def outward(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission that had been under way, at an item that does not bring it home."""
+    return in_mission_in_air(facts) and not facts.homeward
+
+
+def homeward_in_mission(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission, at an item that brings it home."""
+    return facts.mode == FLIGHT_MODE_MISSION and facts.homeward
+
+
+def at_middle(facts: Facts) -> bool:
+    """The vehicle has reached the waypoint that was asked for in the middle."""
+    return facts.at_middle
+
+
+def by_waypoint(facts: Facts) -> bool:
+    """What is followed gets a waypoint in the mission."""
+    return facts.by_waypoint
