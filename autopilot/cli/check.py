@@ -78,6 +78,20 @@ def summary(config: Config) -> list[str]:
         f"mesh: {', '.join((*mesh.connect, *mesh.listen)) or 'none'}",
         f"vehicle: {vehicle.connect or vehicle.listen or 'none'}",
         f"eyes: {looks[eyes.source] + ', ' + pose if eyes.source in looks else 'none'}",
+        f"the flight commanded by this node: {_flight(config)}",
         f"camera moved by the node itself: {'yes' if config.scan.enabled else 'no'}",
         f"flights: {config.node.flights}",
     ]
+
+
+def _flight(config: Config) -> str:
+    """Return what this node has to say in how its vehicle flies."""
+    mission, orders = config.mission, config.command
+    if not config.commands_flight:
+        return "no"
+    if not mission.enabled:
+        return "failsafes and orders"
+    roles = ", ".join(orders.flight_roles if orders.enabled else ())
+    begins = f"when a person of {roles or 'no role: nobody may'} lets it" if mission.begin == "order" else "by itself"
+    orders_too = " and orders" if config.flight.enabled else ""
+    return f"failsafes{orders_too}; a mission of {mission.url or mission.file}, begun {begins}"

@@ -203,8 +203,8 @@ def _wanted(config: Config) -> list[Key]:
         "file": [("eyes", "path"), ("eyes", "model")],
         "device": [("eyes", "model")],
     }
-    mission: list[Key] = [("mission", "file"), ("mission", "token_file")]
-    return eyes.get(config.eyes.source, []) + [key for key in mission if getattr(config.mission, key[1])]
+    others: list[Key] = [("mission", "file"), ("mission", "token_file"), ("vehicle", "signing_key_file")]
+    return eyes.get(config.eyes.source, []) + [key for key in others if getattr(getattr(config, key[0]), key[1])]
 
 
 def _problem(detail: ErrorDetails, places: Places, main: str, model: type[BaseModel]) -> Problem:

@@ -19,7 +19,7 @@ from pathlib import Path
 from google.protobuf.json_format import MessageToDict
 
 from autopilot.cli.order_flight import EXAMPLES as FLIGHT_EXAMPLES
-from autopilot.cli.order_flight import add_flight_verbs
+from autopilot.cli.order_flight import add_flight_verbs, flight_words
 from autopilot.ground import compose
 from autopilot.ground.following import Pointing
 from autopilot.ground.issued import FILE, AuditRow, IssuedStore, NotRecorded
@@ -260,6 +260,7 @@ def _status_words(seen: SeenStatus) -> str:
     for camera in status.cameras:
         held = f" by {camera.callsign}" if camera.callsign else ""
         parts.append(f"camera {camera.camera} {camera.state}{held}{_camera_words(camera)}")
+    parts += flight_words(status)
     parts += [f"{poi.class_name}? {poi.mgrs} {poi.decide_within_ms // 1000} s {poi.poi_id}" for poi in status.pois]
     return "; ".join(parts)
 

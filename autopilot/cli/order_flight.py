@@ -1,4 +1,5 @@
-"""The verbs of `autopilot order` that are about the flight: fly, mode, mission, override, acknowledge, follow.
+"""What `autopilot order` has about the flight: its verbs fly, mode, mission, override, acknowledge and follow, and what a
+status says of it.
 
 Each needs a role that the node names in `flight_roles`, but for `follow`, which is the camera's.
 """
@@ -6,10 +7,10 @@ Each needs a role that the node names in `flight_roles`, but for `follow`, which
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from autopilot.ground import compose
-from events.schema.waypoint_pb2 import DeviceCommand
+from events.schema.waypoint_pb2 import DeviceCommand, MissionStatus, NodeStatus
 
 Compose = Callable[[argparse.Namespace], DeviceCommand]
 AddVerb = Callable[[str, str, Compose], argparse.ArgumentParser]
@@ -42,3 +43,32 @@ def add_flight_verbs(verb: AddVerb, number: Callable[[float], Callable[[str], fl
     acknowledge.add_argument("report", type=int, metavar="REPORT", help="number of the report, as the status shows it")
     follow = verb("follow", "keep a confirmed finding in view", lambda a: compose.follow(a.poi, a.camera))
     follow.add_argument("poi", metavar="POI", help="id of the finding, as the status shows it")
+
+
+def flight_words(status: NodeStatus) -> Iterator[str]:
+    """Yield what a status says of the flight: what these verbs are about, and what a person has to know before one."""
+    if status.HasField("battery_percent"):
+        yield f"battery {status.battery_percent} %"
+    if status.operator_link not in ("", "ok"):
+        yield f"link to operators {status.operator_link}"
+    if status.HasField("mission"):
+        yield from _mission_words(status.mission)
+    for failsafe in status.failsafes:
+        yield f"failsafe {failsafe.name} {failsafe.state}{_because(failsafe.because)}"
+    for held in status.overrides:
+        yield f"{held.callsign} holds {held.scope} off for {held.left_ms // 1000} s{_because(held.reason)}"
+    yield from (f"BROKEN {words}" for words in status.properties_broken)
+
+
+def _mission_words(mission: MissionStatus) -> Iterator[str]:
+    plan = f", item {mission.next_item + 1} of {mission.items}" if mission.mission_id else ""
+    yield f"mission {mission.state}{_because(mission.because)}{plan}"
+    if mission.unavailable:
+        yield mission.unavailable
+    if mission.HasField("report_id"):
+        yield f"self-test {mission.selftest}, report {mission.report_id}"
+    yield from mission.findings
+
+
+def _because(words: str) -> str:
+    return f": {words}" if words else ""

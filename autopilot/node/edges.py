@@ -138,7 +138,7 @@ def make_edges(
     )
     watched = config.node.documents
     documents = TrustFolder(Path(watched), book.offer) if watched and book is not None else None
-    missions = _missions(config, inbox, origin, attachments or Attachments())
+    missions = _missions(config, inbox, origin, attachments or Attachments(), vehicle)
     return Edges(mesh, vehicle, eyes, documents, missions, _selftest(config, inbox, clock, book, vehicle, eyes))
 
 
@@ -152,20 +152,33 @@ def _selftest(
     return Selftest(config, clock, book, inbox.offer, facts, lambda: eyes.detector_us)
 
 
-def _missions(config: Config, inbox: Inbox, origin: Origin, attachments: Attachments) -> MissionsAdapter | None:
+def _missions(
+    config: Config, inbox: Inbox, origin: Origin, attachments: Attachments, vehicle: VehicleLink | None
+) -> MissionsAdapter | None:
     """Return the adapter of the mission office; None where no mission is configured."""
     if not (config.mission.url or config.mission.file):
         return None
     from autopilot.adapters.missions import Home, MissionsAdapter
 
     def home() -> Home | None:
-        """Where the origin is: the vehicle's first fix is where it stands."""
-        frame = origin.frame
-        return None if frame is None else Home(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
+        found = home_of(vehicle, origin)
+        return None if found is None else Home(*found)
 
     return MissionsAdapter(
         config.mission, inbox.offer, origin.place_e7, home, attachments.keep, config.eyes.field_of_view_deg
     )
+
+
+def home_of(vehicle: VehicleLink | None, origin: Origin) -> tuple[float, float, float] | None:
+    """Return where the vehicle says that its home is: degrees, metres above mean sea level; None until it says so.
+
+    The origin of the frame is no home: it may be configured, or of a flight from elsewhere. It is one where
+    nothing flies.
+    """
+    if vehicle is not None:
+        return vehicle.facts().home
+    frame = origin.frame
+    return None if frame is None else (frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
 
 
 @dataclass(frozen=True, slots=True)

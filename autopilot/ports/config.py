@@ -381,6 +381,24 @@ class Config(Section):
         return self.flight.enabled or self.mission.enabled
 
     @model_validator(mode="after")
+    def _has_something_to_fly(self) -> Config:
+        """A mission without a vehicle would wait for ever."""
+        if self.mission.enabled and not (self.vehicle.connect or self.vehicle.listen):
+            raise ValueError("mission.enabled = true needs a [vehicle] with listen or connect: who flies it?")
+        return self
+
+    @model_validator(mode="after")
+    def _hears_before_it_misses(self) -> Config:
+        """That somebody is heard is recorded seldom: seldomer than silence is judged, it would be silence."""
+        told_s, degraded_s = self.mesh.presence_period_s, self.safety.operator_degraded_s
+        if self.commands_flight and self.safety.operator_lost_s and 2 * told_s > degraded_s:
+            raise ValueError(
+                f"mesh.presence_period_s is above {degraded_s / 2:g}: operators who are there would be taken for gone;"
+                " it goes twice into safety.operator_degraded_s"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _looks_ahead_of_its_places(self) -> Config:
         """A fence is looked at only when a place is told: the look ahead must reach to the next one."""
         late_s = self.vehicle.position_period_s + POSITION_STREAM_S

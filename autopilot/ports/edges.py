@@ -67,7 +67,7 @@ class VehicleFacts:
     hdop_e2: int | None  # horizontal dilution of precision, in 0.01
     charge_percent: int | None
     voltage_mv: int | None
-    has_home: bool
+    home: tuple[float, float, float] | None  # latitude and longitude in degrees, metres above mean sea level
     heard_ms_ago: Mapping[str, int]  # by what was heard: "heartbeat", "fix", "battery", "home", ...
 
 

@@ -63,7 +63,7 @@ class Reports:
 
     def facts(self, now_ns: int) -> VehicleFacts:
         """Return what is known of the vehicle now."""
-        reception = self._reception
+        reception, home = self._reception, self._home
         return VehicleFacts(
             linked=self._heartbeat is not None,
             commandable=self.kind is not None and self.kind.family.has_modes,
@@ -73,7 +73,7 @@ class Reports:
             hdop_e2=None if reception is None else reception.hdop_e2,
             charge_percent=self._charge_percent,
             voltage_mv=self._voltage_mv,
-            has_home=self._home is not None,
+            home=None if home is None else (home.latitude_e7 / 1e7, home.longitude_e7 / 1e7, home.altitude_mm / 1000),
             heard_ms_ago={name: (now_ns - at_ns) // 1_000_000 for name, at_ns in self._heard_ns.items()},
         )
 

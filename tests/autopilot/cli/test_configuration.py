@@ -3,6 +3,7 @@
 import argparse
 import json
 from pathlib import Path
+from uuid import UUID
 
 import pytest
 from hypothesis import given
@@ -16,6 +17,8 @@ from autopilot.ports.config import Config
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 NODE = '[node]\nkeys = "keys"\nflights = "flights"\nprojections = "p.db"\n'
+MISSION = '[vehicle]\nlisten = "127.0.0.1:1"\n[mission]\nenabled = true\nurl = "http://office"\n'
+MISSION += f'mission_id = "{UUID(int=7)}"\n'
 SCAN = "enabled, look_s, sweep_pitch_deg, frame_rate_floor"
 
 
@@ -87,6 +90,16 @@ def check_problems(folder: Path, text: str, expected: str) -> None:
             "[flight]\nenabled = true\n[safety]\nfence_ahead_s = 0.69",
             "8 | safety.fence_ahead_s | safety.fence_ahead_s is below 0.7: places are told vehicle.position_period_s"
             " apart, and the vehicle says them every 0.2 s",
+        ),
+        (
+            "[flight]\nenabled = true\n[mesh]\npresence_period_s = 2.51",
+            "8 | mesh.presence_period_s | mesh.presence_period_s is above 2.5: operators who are there would be taken"
+            " for gone; it goes twice into safety.operator_degraded_s",
+        ),
+        ('[vehicle]\nsigning = "required"\nsigning_key_file = "/no/k"', "7 | vehicle.signing_key_file | no file /no/k"),
+        (
+            '[mission]\nenabled = true\nfile = "m.json"',
+            "6 | mission.enabled | mission.enabled = true needs a [vehicle] with listen or connect: who flies it?",
         ),
         ("[eyes.pose]\nlatitude_deg = 1\nlongitude_deg = 2\npitch_deg = 3", "5 | eyes.pose.height_m | is missing"),
         (
@@ -229,6 +242,28 @@ def test_check_of_a_good_file(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run_check(capsys, "--config", str(EXAMPLES / "drone.toml"), "--elsewhere", "--json")
     assert json.loads(out)["good"] is True
     assert code == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "no"),
+        ("[flight]\nenabled = true\n", "failsafes and orders"),
+        (MISSION, "failsafes; a mission of http://office, begun when a person of no role: nobody may lets it"),
+        (
+            MISSION + '[flight]\nenabled = true\n[command]\nenabled = true\nflight_roles = ["pilot", "chief"]\n',
+            "failsafes and orders; a mission of http://office, begun when a person of pilot, chief lets it",
+        ),
+        (MISSION + 'begin = "alone"', "failsafes; a mission of http://office, begun by itself"),
+    ],
+)
+def test_check_says_who_commands_the_flight(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, expected: str
+) -> None:
+    """A switch that was forgotten, or set by mistake, is seen before the flight."""
+    (tmp_path / "c.toml").write_text(NODE + text)
+    _, out, err = run_check(capsys, "--config", str(tmp_path / "c.toml"))
+    assert (err, f"  the flight commanded by this node: {expected}\n" in out) == ("", True)
 
 
 def test_check_of_a_bad_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

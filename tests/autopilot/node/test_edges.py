@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -18,14 +19,15 @@ from autopilot.adapters.mesh import MeshAdapter
 from autopilot.adapters.vehicle import VehicleLink
 from autopilot.geo import Origin
 from autopilot.node.board import Board
-from autopilot.node.edges import Edges, remembered, resume, set_origin
+from autopilot.node.edges import Edges, home_of, remembered, resume, set_origin
 from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.projecting import Projecting
 from autopilot.node.upkeep import Rejections, report_rejections
 from autopilot.ports.config import Config
-from autopilot.ports.edges import InputClass
+from autopilot.ports.edges import InputClass, VehicleFacts
 from projections.store import Projector, read_status
 from tests.autopilot.node.nodes import FakeClock, Node, config, heard_vehicle, of_kind, vehicle_state
+from tests.autopilot.node.test_fitness import VEHICLE
 from tests.flights import answered, point_at_place, sent
 
 _HOLD = "import sys; from pathlib import Path; from autopilot.node.lock import FolderLock\n"
@@ -57,6 +59,15 @@ class Counting:
 
     def __init__(self, **rejected: int) -> None:
         self.rejected = Counter(rejected)
+
+
+class Standing:
+    """An adapter as far as its vehicle's home goes."""
+
+    home: tuple[float, float, float] | None = None
+
+    def facts(self) -> VehicleFacts:
+        return replace(VEHICLE, home=self.home)
 
 
 def edges(mesh: Mesh, vehicle: Counting | None = None) -> Edges:
@@ -121,6 +132,17 @@ def test_a_fixed_camera_stands_at_the_origin(node: Node) -> None:
     node.turn()
     node.turn(after_ms=200)
     assert [one.place.latitude_e7 for one in of_kind(node.log(), "origin_set")] == [475_000_000]
+
+
+def test_home_is_where_the_vehicle_says() -> None:
+    """Not where the frame has its origin, which is of another flight, or configured; there where nothing flies."""
+    origin, vehicle = Origin(), Standing()
+    link = cast(VehicleLink, vehicle)
+    assert (home_of(link, origin), home_of(None, origin)) == (None, None)
+    origin.set(47.1, 8.2, 400.0)
+    assert (home_of(link, origin), home_of(None, origin)) == (None, (47.1, 8.2, 400.0))
+    vehicle.home = (47.3, 8.4, 512.0)
+    assert home_of(link, origin) == (47.3, 8.4, 512.0)
 
 
 def test_effects_go_to_their_port(node: Node) -> None:

@@ -22,7 +22,7 @@ VEHICLE = VehicleFacts(
     hdop_e2=150,
     charge_percent=50,
     voltage_mv=15_000,
-    has_home=True,
+    home=None,
     heard_ms_ago={},
 )
 WELL = Found(

@@ -197,12 +197,17 @@ def test_the_facts_for_the_self_test() -> None:
         hdop_e2=None,
         charge_percent=None,
         voltage_mv=None,
-        has_home=False,
+        home=None,
         heard_ms_ago={},
     )
     bench.hear(1, heartbeat(armed=True), status(80), home(), gps(2, 150, 5))
     facts = bench.session.reports.facts(3_000_000_000)
-    assert (facts.linked, facts.commandable, facts.armed, facts.has_home) == (True, True, True, True)
+    assert (facts.linked, facts.commandable, facts.armed, facts.home) == (
+        True,
+        True,
+        True,
+        (LATITUDE_E7 / 1e7, LONGITUDE_E7 / 1e7, 488.0),
+    )
     assert (facts.fix_type, facts.satellites, facts.hdop_e2) == (2, 5, 150)
     assert (facts.charge_percent, facts.voltage_mv) == (80, 12_000)
     assert facts.heard_ms_ago == dict.fromkeys(("heartbeat", "battery", "home", "reception"), 2_000)

@@ -78,7 +78,7 @@ def test_a_mission_is_given_flown_and_broken_off(personality: str) -> None:
             await check_done(link, inbox, 7, mode("RETURN"))
             await in_mode(inbox, "RETURN")
             facts = link.facts()
-            assert (facts.linked, facts.commandable, facts.armed, facts.has_home) == (True, True, True, True)
+            assert (facts.linked, facts.commandable, facts.armed, facts.home is not None) == (True, True, True, True)
             assert (facts.fix_type or 0) >= 3
             assert facts.charge_percent is not None
         finally:
