@@ -32,11 +32,18 @@ REGION_M: Polygon = ((20.0, 15.0), (80.0, 15.0), (80.0, 60.0), (20.0, 60.0))
 INCLUSION_M: Polygon = ((-40.0, -40.0), (130.0, -40.0), (130.0, 100.0), (-40.0, 100.0))
 EXCLUSION_M: Polygon = ((92.0, 70.0), (112.0, 70.0), (112.0, 90.0), (92.0, 90.0))
 SMALL = mission((10.0, 10.0), REGION_M, INCLUSION_M, EXCLUSION_M)
+# A plane needs room for its turns.
+WIDE = mission(
+    (150.0, 150.0),
+    ((100.0, 200.0), (400.0, 200.0), (400.0, 400.0), (100.0, 400.0)),
+    ((-700.0, -700.0), (1100.0, -700.0), (1100.0, 1100.0), (-700.0, 1100.0)),
+    ((900.0, 900.0), (950.0, 900.0), (950.0, 950.0), (900.0, 950.0)),
+)
 # Nobody gets to the end of this one while a test lasts.
 LONG = mission(
     (10.0, 10.0),
-    ((20.0, 15.0), (220.0, 15.0), (220.0, 180.0), (20.0, 180.0)),
-    ((-40.0, -40.0), (250.0, -40.0), (250.0, 210.0), (-40.0, 210.0)),
+    ((20.0, 15.0), (320.0, 15.0), (320.0, 220.0), (20.0, 220.0)),
+    ((-40.0, -40.0), (350.0, -40.0), (350.0, 250.0), (-40.0, 250.0)),
     EXCLUSION_M,
 )
 
@@ -82,6 +89,9 @@ class Mission:
     ) -> None:
         self.stage = MissionStage(folder, 3, personality=personality, frame=frame, speed_up=speed_up, flies=flies)
         self.speed_up = speed_up
+        self.attended_seq = 0  # the newest record when somebody came back
+        self.failsafe_again_s = 1
+        self.configure("safety", failsafe_again_s=self.failsafe_again_s)
         self.configure("vehicle", late_answer_s=3 / speed_up, in_progress_timeout_s=3 / speed_up, position_period_s=round(0.5 / speed_up, 3))
         self.operator = Issuer(self.stage.cast.first, [self.stage.endpoint], reconnect_ms=100)
         self.supervisor = Issuer(self.stage.cast.supervisor, [self.stage.endpoint], reconnect_ms=100)
@@ -106,6 +116,7 @@ class Mission:
             for issuer in (self.supervisor, self.operator):
                 issuer.start()
                 issuer.watch(NODE)
+            self.supervisor.attend(NODE)
         except BaseException:
             self.stage.__exit__()
             raise
@@ -124,6 +135,11 @@ class Mission:
             last = self.supervisor.status(NODE)
             raise TimeoutError(f"waited {within_s:.0f} s for {what}; {None if last is None else last.status.mission}")
         return seen.status
+
+    def status_since_start(self) -> str:
+        """Return what the node says of recording, of its present start."""
+        now_ms = time.time_ns() // 1_000_000
+        return self.status(lambda one: one.at_ms > now_ms, "a status").not_recording
 
     def truth(self, until: Callable[[dict[str, Any]], bool], what: str, within_s: float = WITHIN_S) -> dict[str, Any]:
         """Wait until the world is so. Raises TimeoutError."""
@@ -155,6 +171,15 @@ class Mission:
         self.truth(lambda one: one["up_m"] > height_m, "take-off")
         self.status(lambda one: one.mission.state == "flying", "the mission to fly")
 
+    def died(self, code: int) -> None:
+        """Wait until the node has ended by itself, with this code. Raises TimeoutError."""
+        give_up_at_s = time.monotonic() + WITHIN_S
+        while self.stage.node.running:
+            if time.monotonic() > give_up_at_s:
+                raise TimeoutError(f"waited {WITHIN_S:.0f} s for the node to end")
+            threading.Event().wait(LOOK_S)
+        assert self.stage.node.stop() == code
+
     def landed(self) -> None:
         """Wait until it is down and disarmed, and the mission over."""
         self.truth(lambda one: not one["armed"], "the landing", 2 * WITHIN_S)
@@ -172,6 +197,13 @@ class Mission:
             if time.monotonic() > give_up_at_s:
                 raise TimeoutError(f"waited {within_s:.0f} s for {what}")
             threading.Event().wait(LOOK_S)
+
+    def away(self, seconds: float) -> None:
+        """Let nobody attend for so long."""
+        self.supervisor.leave(NODE)
+        threading.Event().wait(seconds)
+        self.attended_seq = self.head()
+        self.supervisor.attend(NODE)
 
     def head(self) -> int:
         """Return the number of the newest record."""
@@ -216,3 +248,18 @@ def corners(polygon: Polygon) -> list[list[float]]:
 def away_m(truth: dict[str, Any], east_m: float = 0, north_m: float = 0) -> float:
     """Return how far it truly is from a point."""
     return math.dist((truth["east_m"], truth["north_m"]), (east_m, north_m))
+
+
+class Track:
+    """Where the vehicle truly was while it flew level, until it is disarmed again."""
+
+    def __init__(self, door: Door, at_least_m: float = 28.0) -> None:
+        self.points: list[tuple[float, float]] = []
+        self._door, self._at_least_m, self._flew = door, at_least_m, False
+
+    def note(self, truth: dict[str, Any]) -> bool:
+        """Take where it is; say whether it has flown and is down."""
+        self._flew = self._flew or truth["up_m"] > 1
+        if truth["up_m"] >= self._at_least_m:
+            self.points.append((truth["east_m"], truth["north_m"]))
+        return self._flew and not truth["armed"]

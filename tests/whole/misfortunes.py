@@ -6,11 +6,16 @@ words say otherwise. `tests.torture.flights` flies them too, at the real limits.
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
+from autopilot.cli.demonstration.stage import Process
 from autopilot.ground import compose
 from events import Record
 from events.schema.common_pb2 import Moved
@@ -23,9 +28,8 @@ from events.schema.vehicle_pb2 import (
     GimbalControlChanged,
     PointAtAngles,
     PositionReported,
-    VehicleStateReported,
 )
-from tests.whole.flights import Mission
+from tests.whole.flights import Mission, verified
 from tests.whole.station import Station
 
 IN_PROGRESS, ACCEPTED = 5, 0
@@ -149,29 +153,84 @@ def check_battery(flight: Mission) -> None:
     assert flight.order(compose.override("battery_return", 2.0, "the last lane")).result == "accepted"
     flight.door.ask(battery_percent=24)
     held = flight.wait_record(lambda one: _moves(one, "safety", "held_off"), "the return to be held off", since)
-    begun = next(one.message for one in flight.records() if isinstance(one.message, OverrideBegun))
-    assert (begun.callsign, begun.reason, begun.held_for_ms) == ("S-1", "the last lane", 2000)
-    ended = flight.wait_record(lambda one: isinstance(one.message, OverrideEnded), "its end", held.seq)
-    assert _commands(flight.records(), since, ended.seq) == []
-    command = _failsafe(flight, ended.seq, FLIGHT_MODE_RETURN, "battery at 24 %")
+    begun = next(one for one in flight.records() if one.seq >= since and isinstance(one.message, OverrideBegun))
+    words = begun.message
+    assert isinstance(words, OverrideBegun)
+    assert (words.callsign, words.reason, words.held_for_ms) == ("S-1", "the last lane", 2000)
+    flight.wait_record(lambda one: isinstance(one.message, OverrideEnded), "its end", held.seq)
+    command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "battery at 2")
+    assert command.at.flight_ns - begun.at.flight_ns >= 2 * 10**9
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
     assert flight.order(compose.override("battery_return", 60.0, "one look more")).result == "accepted"
     _back_to_the_mission(flight)
     since = flight.head()
     flight.door.ask(battery_percent=14)
-    command = _failsafe(flight, since, FLIGHT_MODE_LAND, "battery at 14 %")
+    command = _failsafe(flight, since, FLIGHT_MODE_LAND, "battery at 1")
     assert command.seq > held.seq
     flight.truth(lambda one: one["doing"] == LANDS, "the landing")
     flight.landed()
 
 
-def silence(flight: Mission, seconds: float) -> list[str]:
-    """Let no operator be heard for so long; return the states of the operators' link."""
+def check_silence(flight: Mission, seconds: float, states: list[str]) -> None:
+    """No operator is heard for so long: the link goes through these states and back, and where lost it returns."""
     since = flight.head()
     flight.away(seconds)
-    flight.wait_record(lambda one: _moves(one, "link", "ok"), "an operator to be heard again", since)
+    heard = flight.wait_record(
+        lambda one: one.kind.name == "operator_heard" and one.seq > flight.attended_seq, "an operator to be heard"
+    )
+    flight.status(lambda one: one.operator_link == "ok" and one.head_seq >= heard.seq, "the link to be back")
     moves = [one.message for one in flight.records() if one.seq >= since and isinstance(one.message, Moved)]
-    return [one.to_state for one in moves if one.chart == "link"]
+    assert [one.to_state for one in moves if one.chart == "link"] == [*states, *(["ok"] if states else [])]
+    commands = _commands(flight.records(), since)
+    assert {(one.mode, one.because) for one in commands} == (
+        {(FLIGHT_MODE_RETURN, "no operator is heard any more")} if "lost" in states else set()
+    )
+    if commands:
+        flight.truth(lambda one: one["doing"] == RETURNS, "the return")
+        _back_to_the_mission(flight)
+
+
+def check_killed_before_the_bytes(flight: Mission, well: Process) -> None:
+    """The node (`tests.whole.dying`) dies between a return's record and its bytes; `well` commands it again, once."""
+    flight.door.ask(battery_percent=24)
+    flight.died(-signal.SIGKILL)
+    assert flight.door.state()["doing"] == "mission"  # nothing has left
+    flight.stage.node = well
+    well.start()
+    flight.truth(lambda one: one["doing"] == RETURNS, "the return")
+    flight.landed()
+    records = flight.records()
+    returns = [one for one in records if isinstance(one.message, SetVehicleMode) and "battery" in one.message.because]
+    assert len(returns) == 2
+    started = [one.seq for one in records if one.kind.name == "node_started"]
+    assert returns[0].seq < started[1] < returns[1].seq
+    again_ns = flight.failsafe_again_s * 10**9
+    assert returns[1].at.flight_ns - returns[0].at.flight_ns >= again_ns
+    sent = [one.message.effect_seq for one in records if isinstance(one.message, CommandSent)]
+    assert (sent.count(returns[0].seq), sent.count(returns[1].seq)) == (0, 1)
+    assert max(Counter(sent).values()) == 1
+
+
+def check_disk_full(flight: Mission, ballast: Path) -> list[str]:
+    """The node ends when nothing more can be recorded; the next start says so, and flies on once there is room."""
+    with ballast.open("wb", buffering=0) as file, suppress(OSError):
+        while True:
+            file.write(bytes(1 << 16))
+    flight.died(os.EX_IOERR)
+    first = flight.stage.flight
+    assert flight.door.state()["doing"] == "mission"  # the vehicle flies its mission by itself
+    flight.stage.node.start()
+    threading.Event().wait(1.0)
+    said = [flight.status_since_start()]
+    ballast.unlink()
+    flight.status(lambda one: not one.not_recording and one.armed, "the node to record again")
+    since = flight.head()
+    flight.door.ask(battery_percent=24)
+    _failsafe(flight, since, FLIGHT_MODE_RETURN, "battery at 2")
+    flight.truth(lambda one: one["doing"] == RETURNS, "the return")
+    flight.landed()
+    assert verified(first) == "identical"
+    return said
 
 
 def _point(flight: Mission, pitch_deg: float) -> tuple[list[Any], str]:
@@ -243,8 +302,3 @@ def _back_to_the_mission(flight: Mission) -> None:
         flight.status(lambda one: one.mission.state == "paused", "the return to be stopped")
     _resume(flight)
     flight.truth(lambda one: one["doing"] == "mission", "the mission to go on")
-
-
-def modes(records: list[Record]) -> list[int]:
-    """Return the modes that the vehicle was seen in."""
-    return [one.message.custom_mode for one in records if isinstance(one.message, VehicleStateReported)]
