@@ -34,8 +34,8 @@ EXCLUSION_M: Polygon = ((92.0, 70.0), (112.0, 70.0), (112.0, 90.0), (92.0, 90.0)
 SMALL = mission((10.0, 10.0), REGION_M, INCLUSION_M, EXCLUSION_M)
 # A plane needs room for its turns.
 WIDE = mission(
-    (150.0, 150.0),
-    ((100.0, 200.0), (400.0, 200.0), (400.0, 400.0), (100.0, 400.0)),
+    (60.0, 120.0),
+    ((40.0, 150.0), (160.0, 150.0), (160.0, 230.0), (40.0, 230.0)),
     ((-700.0, -700.0), (1100.0, -700.0), (1100.0, 1100.0), (-700.0, 1100.0)),
     ((900.0, 900.0), (950.0, 900.0), (950.0, 950.0), (900.0, 950.0)),
 )
@@ -86,11 +86,12 @@ class Mission:
         frame: str = "copter",
         speed_up: float = 5,
         flies: dict[str, Any] = SMALL,
+        failsafe_again_s: int = 1,
     ) -> None:
         self.stage = MissionStage(folder, 3, personality=personality, frame=frame, speed_up=speed_up, flies=flies)
         self.speed_up = speed_up
         self.attended_seq = 0  # the newest record when somebody came back
-        self.failsafe_again_s = 1
+        self.failsafe_again_s = failsafe_again_s
         self.configure("safety", failsafe_again_s=self.failsafe_again_s)
         self.configure("vehicle", late_answer_s=3 / speed_up, in_progress_timeout_s=3 / speed_up, position_period_s=round(0.5 / speed_up, 3))
         self.operator = Issuer(self.stage.cast.first, [self.stage.endpoint], reconnect_ms=100)

@@ -7,6 +7,7 @@ words say otherwise. `tests.torture.flights` flies them too, at the real limits.
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import threading
 from collections import Counter
@@ -198,7 +199,8 @@ def check_killed_before_the_bytes(flight: Mission, well: Process) -> None:
     flight.stage.node = well
     well.start()
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
-    flight.landed()
+    again = [one.seq for one in flight.records() if one.kind.name == "node_started"][-1]
+    flight.wait_record(lambda one: isinstance(one.message, CommandAnswered), "the vehicle's answer", again)
     records = flight.records()
     returns = [one for one in records if isinstance(one.message, SetVehicleMode) and "battery" in one.message.because]
     assert len(returns) == 2
@@ -211,26 +213,35 @@ def check_killed_before_the_bytes(flight: Mission, well: Process) -> None:
     assert max(Counter(sent).values()) == 1
 
 
-def check_disk_full(flight: Mission, ballast: Path) -> list[str]:
-    """The node ends when nothing more can be recorded; the next start says so, and flies on once there is room."""
+def check_disk_full(flight: Mission, ballast: Path) -> None:
+    """A full disk: recorded is in the space that the log has; when that is used up the node ends, and comes up again.
+
+    The vehicle flies its mission by itself meanwhile. What the log has left is taken away by a limit on its files.
+    """
     with ballast.open("wb", buffering=0) as file, suppress(OSError):
         while True:
             file.write(bytes(1 << 16))
-    flight.died(os.EX_IOERR)
+    full = flight.head()
+    for _ in range(3):  # places of after the disk was full
+        full = flight.wait_record(lambda one: isinstance(one.message, PositionReported), "a place", full + 1).seq
     first = flight.stage.flight
-    assert flight.door.state()["doing"] == "mission"  # the vehicle flies its mission by itself
+    resource.prlimit(flight.stage.node.pid, resource.RLIMIT_FSIZE, (1 << 16, 1 << 16))
+    flight.died(os.EX_IOERR)
+    assert flight.door.state()["doing"] == "mission"
+    assert verified(first) == "identical"
     flight.stage.node.start()
-    threading.Event().wait(1.0)
-    said = [flight.status_since_start()]
+    flight.status_since_start()
     ballast.unlink()
     flight.status(lambda one: not one.not_recording and one.armed, "the node to record again")
     since = flight.head()
     flight.door.ask(battery_percent=24)
     _failsafe(flight, since, FLIGHT_MODE_RETURN, "battery at 2")
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
-    flight.landed()
-    assert verified(first) == "identical"
-    return said
+
+
+def rest(seconds: float) -> None:
+    """Let a failsafe's wait pass: it commands no sooner than that after its last command."""
+    threading.Event().wait(seconds)
 
 
 def _point(flight: Mission, pitch_deg: float) -> tuple[list[Any], str]:

@@ -25,7 +25,7 @@ AUTO, RTL = 10, 11  # ArduPlane
 @pytest.mark.parametrize("personality", ["ardupilot", "px4"])
 def test_a_copter(tmp_path: Path, personality: Literal["ardupilot", "px4"]) -> None:
     """All by itself; the camera has seen at least 98 % of the region, and of each lane its neighbour's part."""
-    with Mission(tmp_path, personality=personality, speed_up=6) as flight:
+    with Mission(tmp_path, personality=personality, speed_up=9) as flight:
         flight.begin()
         track = Track(flight.door)
         flight.truth(track.note, "the landing")
