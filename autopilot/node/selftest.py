@@ -35,6 +35,7 @@ class Noted:
     heard_ns: dict[str, int]  # kind to monotonic nanoseconds
     plan: MissionPlanned | None = None
     detector_us: int | None = None
+    head: int = -1  # the newest record that was noted
 
     def hear(self, records: tuple[Record, ...]) -> None:
         """Note what is durable."""
@@ -43,6 +44,7 @@ class Noted:
                 self.heard_ns[record.kind.name] = record.at.mono_ns
             elif isinstance(record.message, MissionPlanned):
                 self.plan = record.message
+        self.head = records[-1].seq if records else self.head
 
 
 class Selftest:
@@ -71,6 +73,8 @@ class Selftest:
             task.add_done_callback(self._tasks.discard)
 
     async def _run(self, seq: int, vehicle: int) -> None:
+        while self.noted.head < seq:  # the node performs first and notes then; the plan is in the same batch
+            await asyncio.sleep(OFFER_AGAIN_S)
         facts = None if self._vehicle is None else self._vehicle()
         found = await asyncio.to_thread(self._look, facts)
         report = SelftestReported(effect_seq=seq, vehicle=vehicle, items=judged(found))

@@ -193,7 +193,7 @@ def _set_fields(target: Weather | Unkind, value: Any) -> None:
     for name, part in value.items():
         if name not in known:
             raise Refused(f"unknown field {name!r}; there are {', '.join(sorted(known))}")
-        if known[name] is float:
+        if known[name] in (int, float):  # whoever set 0 meant 0.0
             setattr(target, name, _number(part))
         elif known[name] is bool:
             setattr(target, name, bool(part))

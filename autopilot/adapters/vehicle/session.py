@@ -223,7 +223,7 @@ class Session:
                 self._answered(now_ns, heard)
             case Position():
                 self._first_fix(heard)
-                self._report_telemetry(self.telemetry.position(now_ns, heard))
+                self._report_telemetry(self.telemetry.position(now_ns, heard, armed=self.reports.armed))
             case Attitude():
                 self.telemetry.attitude(now_ns, heard)
             case GimbalAttitude():

@@ -1,8 +1,8 @@
 """Telemetry into observations: thinned, and measured against what was asked of the gimbal.
 
 What is reported: the autopilot's state when it changed; a position, once places can be made, when it
-moved by more than `position_threshold_m` or turned by more than `heading_threshold_deg`, at most each
-`position_period_s`; the gimbal when it moved by more than `gimbal_threshold_deg`, when its error
+moved by more than `position_threshold_m` or turned by more than `heading_threshold_deg`, and while armed whether it did
+or not (a fence may be crept over), at most each `position_period_s`; the gimbal when it moved by more than `gimbal_threshold_deg`, when its error
 crossed the tolerance of arrival, when another pointing is measured against, and once after each
 accepted pointing (so that one which was there already is seen to have arrived). What stands still is
 said again each `say_again_s`, and everything is said in full at the start and when the vehicle came back.
@@ -91,11 +91,11 @@ class Telemetry:
         """Report everything with its next message: the vehicle is there, or there again."""
         self._position = self._reported = None
 
-    def position(self, now_ns: int, heard: Position) -> PositionReported | None:
+    def position(self, now_ns: int, heard: Position, *, armed: bool) -> PositionReported | None:
         """Buffer a position; return it when it is time to report one."""
         at_ns = self._stamp(now_ns, heard.sender, heard.boot_ms)
         self.poses.add_position(at_ns, heard)
-        if not self._moved(at_ns, heard):
+        if not self._moved(at_ns, heard, armed=armed):
             return None
         place = self._place(heard.latitude_e7 / 1e7, heard.longitude_e7 / 1e7, heard.altitude_mm / 1000)
         if place is None:
@@ -111,7 +111,7 @@ class Telemetry:
             up_mm_s=-heard.down_cm_s * 10,
         )
 
-    def _moved(self, at_ns: int, heard: Position) -> bool:
+    def _moved(self, at_ns: int, heard: Position, *, armed: bool) -> bool:
         """Whether a position is to be reported: it is another than the last one, or that was long ago."""
         if self._position is None:
             return True
@@ -119,6 +119,8 @@ class Telemetry:
         since_ns = at_ns - before_ns
         if not self._period_ns <= since_ns < self._again_ns:
             return since_ns >= self._again_ns
+        if armed:
+            return True
         north_m = (heard.latitude_e7 - before.latitude_e7) * M_PER_E7
         across = math.cos(math.radians(heard.latitude_e7 / 1e7))
         east_m = wrapped((heard.longitude_e7 - before.longitude_e7) / 1e7) * 1e7 * M_PER_E7 * across

@@ -16,6 +16,8 @@ from autopilot.cli.demonstration.stage import Process, Stage
 from autopilot.geo.frame import offset
 from autopilot.sim.aircraft import HOME
 
+Polygon = tuple[tuple[float, float], ...]
+
 SPEED_UP = 4.0
 HEIGHT_M = 30.0
 MISSION = uuid.uuid5(uuid.NAMESPACE_URL, "autopilot demo mission")
@@ -47,12 +49,13 @@ class MissionStage(Stage):
         personality: str = "ardupilot",
         frame: str = "copter",
         speed_up: float = SPEED_UP,
+        flies: dict[str, Any] | None = None,
     ) -> None:
-        """Make everything that lies in files. Raises DirectoryError and OSError."""
+        """Make everything that lies in files; `flies` is another mission. Raises DirectoryError and OSError."""
         flown_by = ["--pilot", "node", "--personality", personality, "--frame", frame]
         super().__init__(folder, 60, seed, flown_by=[*flown_by, "--speed-up", f"{speed_up:g}"], door=True)
         self.mission = folder / "mission.json"
-        self.mission.write_text(json.dumps(mission(), indent=1))
+        self.mission.write_text(json.dumps(flies or mission(), indent=1))
         text = self.config.read_text()
         text = text.replace("[command]\n", '[command]\nflight_roles = ["supervisor"]\n')
         text = text.replace(
@@ -81,28 +84,34 @@ class MissionStage(Stage):
         return self.router, self.world, self.office, self.node
 
 
-def mission() -> dict[str, Any]:
-    """Return the mission as the office hands it out."""
+def mission(
+    first_m: tuple[float, float] = (10.0, 10.0),
+    region_m: Polygon = REGION_M,
+    inclusion_m: Polygon = INCLUSION_M,
+    exclusion_m: Polygon = EXCLUSION_M,
+) -> dict[str, Any]:
+    """Return a mission as the office hands it out; east and north of home."""
     items: list[dict[str, Any]] = [
-        {"kind": "waypoint", "at": _at(10, 10), "cruise_speed_mps": 8},
-        {"kind": "region_search", "region": [_at(*corner) for corner in REGION_M]},
+        {"kind": "waypoint", "at": _at(*first_m), "cruise_speed_mps": 8},
+        {"kind": "region_search", "region": [_at(*corner) for corner in region_m]},
         {"kind": "return"},
     ]
     named = [{"id": str(uuid.uuid5(MISSION, str(number))), **item} for number, item in enumerate(items)]
-    fences = [("INCLUSION", INCLUSION_M), ("EXCLUSION", EXCLUSION_M)]
+    fences = [("INCLUSION", inclusion_m), ("EXCLUSION", exclusion_m)]
     return {
         "schema_version": "1.0.0",
         "mission_id": str(MISSION),
         "items": named,
-        "geofences": [{"kind": kind, "vertices": [_place(*one) for one in corners]} for kind, corners in fences],
+        "geofences": [{"kind": kind, "vertices": [place(*one) for one in corners]} for kind, corners in fences],
         "return_point": _at(0, 0),
     }
 
 
-def _place(east_m: float, north_m: float) -> dict[str, float]:
+def place(east_m: float, north_m: float) -> dict[str, float]:
+    """Return a place of the simulated world by its metres from home."""
     latitude, longitude = offset(HOME[0], HOME[1], east_m, north_m)
     return {"latitude": round(latitude, 7), "longitude": round(longitude, 7)}
 
 
 def _at(east_m: float, north_m: float) -> dict[str, float]:
-    return _place(east_m, north_m) | {"altitude_m": HEIGHT_M}
+    return place(east_m, north_m) | {"altitude_m": HEIGHT_M}

@@ -96,6 +96,13 @@ class Process:
         self._signal(signal.SIGCONT)
 
     @property
+    def pid(self) -> int:
+        """Its process id. Raises ProcessFailed before it was started."""
+        if self._child is None:
+            raise ProcessFailed(f"the {self.name} was not started")
+        return self._child.pid
+
+    @property
     def running(self) -> bool:
         """Whether it is there."""
         return self._child is not None and self._child.poll() is None

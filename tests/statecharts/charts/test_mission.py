@@ -27,6 +27,7 @@ AIR = f"""
     5    | armed               | 1 engaging | go mission | armed
     6    | mode mission        | 1 starting | start      | the vehicle is in the mission's mode
     7    | did 0               | 1 flying   | -          | the mission has begun
+    7.1  | gimbal newest error=0 | -        | -          | -
 """
 
 

@@ -198,7 +198,7 @@ def test_whoever_takes_it_before_it_has_begun_has_it(words: str, state: str, why
         at_s | observe | state | say | why
         7    | {words} | {state} | - | {why}
         """,
-        story(AIR.replace("    7    | did 0               | 1 flying   | -          | the mission has begun\n", "")),
+        story(AIR[: AIR.index("    7    | did 0")]),
     )
 
 

@@ -1,0 +1,122 @@
+"""Missions with everything that goes wrong, at the real limits, with both autopilots that a node can fly.
+
+For each: a flight in which answers are lost, doubled, forged and never final, the gimbal is taken, the clock and the
+place jump, the autopilot starts again and another station flies it over a fence; one with operators who are silent for
+4, 6, 31 and 70 s; and one whose battery sags. The world runs four times as fast where nothing of that depends on it,
+and as fast as the node where a fence is flown over. Each flight must replay identically, with no property broken.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from tests.whole import misfortunes
+from tests.whole.flights import LONG, Mission
+
+PERSONALITIES = ("ardupilot", "px4")
+ROUNDS = 3  # of each misfortune, in each flight
+SILENCES: tuple[tuple[float, list[str]], ...] = (
+    (3.5, []),  # presence is up to a second old when it ends: some 4 s of silence
+    (6.0, ["degraded"]),
+    (31.0, ["degraded", "lost"]),
+    (70.0, ["degraded", "lost"]),
+)
+Report = Callable[[str], None]
+
+
+class Seen:
+    """What came of it."""
+
+    def __init__(self) -> None:
+        self.flights = 0
+        self.records = 0
+        self.checks = Counter[str]()
+        self.rejected = Counter[str]()
+        self.detected_to_sent_ms: list[int] = []
+        self.beyond_the_fence_m: list[float] = []
+
+
+def run(count: int | None, seed: int, report: Report) -> dict[str, Any]:
+    """Fly with each autopilot, `count` rounds of misfortunes (None: 3). Raises AssertionError, TimeoutError."""
+    del seed  # the world has nothing of chance that matters here
+    seen = Seen()
+    for personality in PERSONALITIES:
+        _answers(seen, personality, count or ROUNDS, report)
+        _fences(seen, personality, count or ROUNDS, report)
+        _silences(seen, personality, report)
+        _battery(seen, personality, report)
+    return {
+        "flights_that_replay_identically": seen.flights,
+        "records": seen.records,
+        "misfortunes": dict(sorted(seen.checks.items())),
+        "not_believed": dict(sorted(seen.rejected.items())),
+        "place_to_bytes_ms": sorted(seen.detected_to_sent_ms),
+        "beyond_the_fence_m": [round(one, 1) for one in sorted(seen.beyond_the_fence_m)],
+        "properties_broken": 0,
+    }
+
+
+@contextmanager
+def _flight(seen: Seen, personality: str, speed_up: float, report: Report) -> Iterator[Mission]:
+    """A mission in the air, at the limits as they are by default; its log is held to its promises at the end."""
+    folder = Path(tempfile.mkdtemp(prefix="torture-"))
+    report(f"{personality} flies in {folder}")  # where something breaks, it is still there to look at
+    mission = Mission(folder, personality=personality, speed_up=speed_up, flies=LONG, failsafe_again_s=5)
+    with mission:
+        mission.take_off()
+        yield mission
+        records = mission.ended()
+    broken = [one for one in records if one.kind.name in ("property_broken", "step_failed")]
+    assert broken == [], broken
+    seen.flights, seen.records = seen.flights + 1, seen.records + len(records)
+    seen.rejected += misfortunes.rejected(records)
+    shutil.rmtree(folder)
+
+
+def _answers(seen: Seen, personality: str, rounds: int, report: Report) -> None:
+    checks = (
+        misfortunes.check_answer_lost,
+        misfortunes.check_answer_twice,
+        misfortunes.check_answer_of_a_stranger,
+        misfortunes.check_in_progress_for_ever,
+        misfortunes.check_gimbal_taken,
+        misfortunes.check_clock_jump,
+        misfortunes.check_reboot,
+    )
+    with _flight(seen, personality, 4, report) as flight:
+        for _ in range(rounds):
+            for check in checks:
+                check(flight)
+                seen.checks[check.__name__.removeprefix("check_")] += 1
+
+
+def _fences(seen: Seen, personality: str, rounds: int, report: Report) -> None:
+    """Fly over a fence at the world's own speed; a failsafe may command again after 5 s."""
+    with _flight(seen, personality, 1, report) as flight:
+        for _ in range(rounds):
+            ms, beyond_m = misfortunes.check_fence_at_speed(flight)
+            seen.detected_to_sent_ms.append(ms)
+            seen.beyond_the_fence_m.append(beyond_m)
+            misfortunes.rest(flight.failsafe_again_s)
+            seen.detected_to_sent_ms.append(misfortunes.check_gps_jump(flight))
+            misfortunes.rest(flight.failsafe_again_s)
+            seen.checks.update(("fence_at_speed", "gps_jump"))
+
+
+def _silences(seen: Seen, personality: str, report: Report) -> None:
+    with _flight(seen, personality, 1, report) as flight:
+        for seconds, states in SILENCES:
+            misfortunes.check_silence(flight, seconds, states)
+            seen.checks[f"silence of {seconds:g} s"] += 1
+
+
+def _battery(seen: Seen, personality: str, report: Report) -> None:
+    with _flight(seen, personality, 4, report) as flight:
+        misfortunes.check_battery(flight)
+        seen.checks["battery"] += 1
