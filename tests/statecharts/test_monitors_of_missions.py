@@ -160,7 +160,7 @@ def test_a_failsafe_and_an_order_command_whom_they_like() -> None:
     move = type(flight[number][place].message)()
     move.CopyFrom(flight[number][place].message)
     move.chart, move.instance = "safety", "1/battery"  # type: ignore[attr-defined]
-    flight[-1] += [changed(flight[-1][0], one) for one in (move, SetVehicleMode(vehicle=1))]  # type: ignore[arg-type]
+    flight[-1] += [changed(flight[-1][0], one) for one in (move, SetVehicleMode(vehicle=1))]
     names = {complaint.split(":")[0] for complaint in complaints(flight)}
     check_equal("taken_is_left_alone" in names, False)
 
