@@ -213,6 +213,8 @@ def _numbers(message: Message) -> Iterator[int]:
 
 def _fitting(field: FieldDescriptor, values: Iterable[int]) -> list[int]:
     """Return the values that fit the field, each once."""
+    if field.enum_type is not None:
+        return [number for number in dict.fromkeys(values) if number in field.enum_type.values_by_number]
     most = _MOST.get(field.type, 2**63 - 1)
     least = -most if field.type == FieldDescriptor.TYPE_SINT32 else 0
     return [value for value in dict.fromkeys(values) if least <= value <= most]

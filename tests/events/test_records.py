@@ -118,7 +118,7 @@ def test_every_message_with_a_kind_is_in_the_catalogue() -> None:
     named = [one for one in messages if issubclass(one, Message) and "number" in str(one.DESCRIPTOR.GetOptions())]
     check_equal(len(named), len(KINDS))
     ports = {kind.name: kind.port for kind in KINDS if kind.role is Role.EFFECT}
-    pointing = ("point_at_place", "point_at_angles", "release_pointing")
+    pointing = ("point_at_place", "point_at_angles", "release_pointing", "take_gimbal", "give_up_gimbal", "set_zoom")
     flying = ("set_vehicle_mode", "fly_to_place", "arm_vehicle", "start_mission", "set_mission_item", "upload_mission")
     elsewhere = {"send_ack": "mesh", "fetch_mission": "missions", "post_waypoint": "missions"}
     elsewhere["run_selftest"] = "selftest"

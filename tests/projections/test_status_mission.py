@@ -28,7 +28,7 @@ def lines(folded: status.Status) -> list[str]:
     """Return the lines of the screen that are about the mission."""
     whole = list(screen(status.plain(folded), 0))
     begin = next((at for at, line in enumerate(whole) if line.startswith("mission")), len(whole))
-    end = next((at for at, line in enumerate(whole) if line.startswith("camera")), 0)
+    end = next((at for at, line in enumerate(whole) if line.startswith(("camera", "failsafes"))), 0)
     return whole[begin:end]
 
 

@@ -133,6 +133,16 @@ def test_how_long_a_word_counts(told: str, effect: object, expected: set[str]) -
     check_equal((told, found & {"begun_by_order", "taken_is_left_alone", "checked_before_arming"}), (told, expected))
 
 
+def test_another_word_of_a_person_is_no_order_to_begin() -> None:
+    """Nor is a word on the self-test."""
+    story = flown("planned", "report pass,degraded")
+    story.tell(f"order a acknowledge {story.flight.state.selftests[1].effect_seq}")
+    check_equal(story.flight.state.orders["alpha/a"].state, "accepted")
+    flight = steps(story.flight.records)
+    last(flight, ArmVehicle(vehicle=1))
+    check_equal("begun_by_order" in {complaint.split(":")[0] for complaint in complaints(flight)}, True)
+
+
 def test_where_no_order_is_needed_none_is_missed() -> None:
     """A mission that begins by itself."""
     story = Story(*flying.opening(mission_begun_by_order=False))
@@ -144,8 +154,9 @@ def test_where_no_order_is_needed_none_is_missed() -> None:
 def test_a_failsafe_and_an_order_command_whom_they_like() -> None:
     """What somebody took is left alone by the mission only."""
     flight = steps(flown().flight.records)
-    flight[-1].append(changed(flight[-1][0], SetVehicleMode(vehicle=1, mode=FLIGHT_MODE_LOITER, order="alpha/z")))
     number, place = where(flight, "moved", chart="mission", to_state="paused")
+    ordered = SetVehicleMode(vehicle=1, mode=FLIGHT_MODE_LOITER, order="alpha/z")
+    flight[number].insert(place + 1, changed(flight[number][0], ordered))
     move = type(flight[number][place].message)()
     move.CopyFrom(flight[number][place].message)
     move.chart, move.instance = "safety", "1/battery"  # type: ignore[attr-defined]
@@ -159,7 +170,7 @@ def test_a_watch_that_begins_at_a_start_knows_how_far_the_mission_is() -> None:
     for told, expected in ((TOLD[:4], set()), (TOLD[:3], {"checked_before_arming"}), (TOLD[:2], {"begun_by_order"})):
         story = flown(*told, "start")
         watch, begun = Watch(story.flight.state), len(story.flight.records)
-        story.tell("vehicle up")
+        story.tell("heard alpha")
         flight = steps(story.flight.records[begun:])
         last(flight, ArmVehicle(vehicle=1))
         found = {breach.name for step in flight for breach in watch.see(step)}

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from statecharts.charts.command_flight import failsafe_flies
+from statecharts.charts.safety import CHART as SAFETY
+from statecharts.facts import Failsafe, Mission
+from tests import flying
 from tests.checks import check_chart, check_equal
 from tests.stories import Story
 from tests.stories_of_safety import SAFE_LIMITS
@@ -105,3 +109,35 @@ def test_a_node_that_takes_no_orders_of_the_flight_says_so(verb: str) -> None:
     told = story(flight_enabled=False, mission_enabled=True)
     told.tell(f"order a {verb}")
     check_equal(told.flight.state.orders["alpha/a"].state, "unsupported")
+
+
+@pytest.mark.parametrize("name", SAFETY.states)
+def test_when_a_failsafe_has_the_vehicle(name: str) -> None:
+    """In every state but where nothing is demanded, or a person holds it off; whichever of them it is."""
+    for key in ("1/battery", "1/link"):
+        told = story()
+        told.flight.state.failsafes.put(key, Failsafe(name))
+        check_equal((name, failsafe_flies(told.flight.state)), (name, name not in ("ok", "held_off")))
+
+
+@pytest.mark.parametrize(
+    ("verb", "state", "because"),
+    [
+        ("pause", "flying", "a failsafe has the vehicle: it must be held off first"),
+        ("resume", "paused", "a failsafe has the vehicle: it must be held off first"),
+        ("abort", "flying", "recorded"),
+    ],
+)
+def test_what_is_asked_of_a_mission_that_a_failsafe_has(verb: str, state: str, because: str) -> None:
+    """It may be aborted; and on a silent vehicle likewise."""
+    for words, answer in (
+        ("spot 0,0", because),
+        ("vehicle down", "no vehicle is heard" if verb != "abort" else because),
+    ):
+        told = Story(*flying.opening())
+        told.tell("planned")
+        told.flight.state.missions.put(1, Mission(state=state))
+        told.tell(words)
+        told.flight.state.failsafes.put("1/battery", Failsafe("complying"))
+        told.tell(f"order a {verb}")
+        check_equal(told.flight.state.orders["alpha/a"].detail, answer)

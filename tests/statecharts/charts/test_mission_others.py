@@ -52,6 +52,21 @@ def test_an_aborted_flight_on_a_link_that_comes_and_goes() -> None:
     )
 
 
+def test_a_flight_is_over_also_where_the_vehicle_falls_silent() -> None:
+    """Once it is down nothing is asked of it, so nothing waits for it."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe      | state    | say | why
+        8    | disarmed     | 1 landed | -   | disarmed
+        9    | vehicle down | -        | -   | -
+        10   | start        | -        | -   | -
+        18   | time         | 1 done   | -   | the flight of the mission is over
+        """,
+        story(AIR),
+    )
+
+
 def test_pausing_and_resuming_need_a_vehicle_that_is_heard() -> None:
     """Else a wish would wait for a vehicle that somebody has taken meanwhile; a mission without a plan needs none."""
     tale = story(AIR)
