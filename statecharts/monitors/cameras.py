@@ -52,7 +52,7 @@ class OneMaster(Monitor):
 class HandsOff(Monitor):
     """The node itself moves no camera that somebody has, or that rests; and none where it may not, but to follow.
 
-    Following is ordered, and over as soon as somebody takes the camera. A mission turns its cameras as it begins to fly.
+    Following is ordered, and over as soon as somebody takes the camera. A mission turns its own as it begins to fly.
     """
 
     kinds = ("moved", *_POINTING)
