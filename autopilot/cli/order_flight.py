@@ -1,5 +1,5 @@
-"""What `autopilot order` has about the flight: its verbs fly, mode, mission, override, acknowledge and follow, and what a
-status says of it.
+"""What `autopilot order` has about the flight: the verbs fly, mode, mission, override, acknowledge and follow, and what
+a status says of it.
 
 Each needs a role that the node names in `flight_roles`, but for `follow`, which is the camera's.
 """

@@ -2,7 +2,8 @@
 
 It takes reports and decisions for what they say, also where a chart failed on them. A condition that has held for
 longer than failsafes may wait without the command that it demands is a breach; a second is allowed for a shell that is
-late. Only places count here, not the look ahead of the chart.
+late. Only places count here, not the look ahead of the chart; and silence of the operators with the whole grace of a
+following, whether anything is followed or not.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from statecharts.state import State
 NS_PER_MS = 1_000_000
 LATE_NS = 1_000_000_000
 LEAST_AGAIN_MS = 1_000
+WORDS = ("operator_heard", "order_received", "order_malformed")  # of operators
 LANDING, RETURNING = safety_pb2.FLIGHT_MODE_LAND, safety_pb2.FLIGHT_MODE_RETURN
 _COMMANDS = {"landing": LANDING, "returning": RETURNING}
 _SCOPES = {
@@ -77,6 +79,8 @@ class Failsafes(Monitor):
         self._vehicles: dict[int, _Vehicle] = {}
         self._areas: list[Area] = []
         self._held: dict[tuple[int, int], int] = {}  # vehicle, scope: until, flight_ns
+        self._word_ns: int | None = None  # since when operators are silent: flight_ns; None: it does not count
+        self._heard = False  # any of them was, in this flight
         self._commanded: dict[tuple[str, str], int] = {}  # instance and what it commanded: when, flight_ns
 
     def resume(self, state: State) -> None:
@@ -86,6 +90,8 @@ class Failsafes(Monitor):
         for number, known in state.vehicles.items():
             mode, percent = known.flight_mode, state.batteries.get(number)
             self._vehicles[number] = _Vehicle(armed=known.armed, mode=mode, percent=percent)
+        for link in state.links.values():
+            self._word_ns, self._heard = link.since_ns, link.heard
 
     def look(self, step: Step) -> Said:
         """Follow the reports, see the commands, and ask what is still missing."""
@@ -93,6 +99,8 @@ class Failsafes(Monitor):
             return
         now_ns = step[0].at.flight_ns
         self._hear(step[0].message, now_ns)
+        if step[0].kind.name in WORDS:
+            self._word_ns, self._heard = now_ns, True
         for place, record in enumerate(step):
             match record.message:
                 case Moved(chart="safety", to_state=to) as change if to in _COMMANDS:
@@ -117,6 +125,8 @@ class Failsafes(Monitor):
                 self._of(number).percent = message.charge_percent
             case VehicleStateReported(vehicle=number):
                 self._of(number).armed, self._of(number).mode = message.armed, message.flight_mode
+                if not self._heard:
+                    self._word_ns = (now_ns if self._word_ns is None else self._word_ns) if message.armed else None
             case VehicleLinkChanged(vehicle=number, up=up):
                 self._of(number).up = up
                 self._of(number).spot = self._of(number).spot if up else None
@@ -162,14 +172,30 @@ class Failsafes(Monitor):
         percent, land = vehicle.percent, self.limits.battery_land_percent
         return bool(land) and percent is not None and percent <= land and vehicle.armed and vehicle.up
 
+    def _is_low(self, vehicle: _Vehicle) -> bool:
+        percent, back = vehicle.percent, self.limits.battery_return_percent
+        return bool(back) and percent is not None and percent <= back
+
+    def _is_unheard(self, now_ns: int) -> bool:
+        lost_ms, grace_ms = self.limits.operator_lost_ms, self.limits.operator_lost_following_ms
+        return (
+            bool(lost_ms) and self._word_ns is not None and now_ns - self._word_ns >= (lost_ms + grace_ms) * NS_PER_MS
+        )
+
     def _missing(self, number: int, vehicle: _Vehicle, now_ns: int) -> Said:
         """Say which command has been due for too long."""
-        empty = self._is_empty(vehicle)
-        out = vehicle.armed and vehicle.up and vehicle.spot is not None and is_outside(vehicle.spot, self._areas)
-        free = not self._is_held(number, "fence", now_ns)
+        empty, flies = self._is_empty(vehicle), vehicle.armed and vehicle.up
+        out = vehicle.spot is not None and is_outside(vehicle.spot, self._areas)
+        homes = (RETURNING, LANDING)
+        astray = flies and vehicle.mode not in homes
+        returns = (
+            ("returns_at_fence", "fence", out),
+            ("returns_when_low", "battery", self._is_low(vehicle)),
+            ("returns_unheard", "link", self._is_unheard(now_ns)),
+        )
         demands = (
             ("lands_when_empty", empty and vehicle.mode != LANDING, (LANDING,)),
-            ("returns_at_fence", out and free and vehicle.mode not in (RETURNING, LANDING), (RETURNING, LANDING)),
+            *((name, astray and so and not self._is_held(number, scope, now_ns), homes) for name, scope, so in returns),
         )
         for name, demanded, modes in demands:
             if not demanded:

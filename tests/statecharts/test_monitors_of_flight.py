@@ -120,6 +120,49 @@ def test_a_monitor_of_the_flight_speaks_up(monitor: str, change: Callable[[Fligh
     check_equal(monitor in found, True)
 
 
+def astray(*told: str, **limits: int) -> Flight:
+    """Return a flight with these words at its beginning, or at "SECOND: words", and a look each second, for 68 s."""
+    story = Story(**SAFE_LIMITS | limits)
+    for second in range(69):
+        story.at(1_000 * second)
+        timed = (words.rpartition(": ") for words in told)
+        for words in [words for at, _, words in timed if int(at or 0) == second] or ["spot 0,0"]:
+            story.tell(words)
+    return steps(story.flight.records)
+
+
+@pytest.mark.parametrize(
+    ("monitor", "told", "limits", "because"),
+    [
+        ("returns_when_low", ("battery 25",), {"operator_lost_ms": 0}, "battery"),
+        ("returns_unheard", ("heard alpha", "flies mission"), {}, "no operator"),
+        ("returns_unheard", ("flies mission",), {}, "no operator"),
+        ("returns_unheard", ("heard alpha", "40: grounded", "41: flies mission"), {}, "no operator"),
+        ("", ("heard alpha", "9: heard alpha"), {}, ""),
+        ("", ("grounded", "40: flies mission"), {}, ""),
+        ("", ("battery 26",), {"operator_lost_ms": 0}, ""),
+        ("", ("battery 25", "order a override battery for=99"), {"operator_lost_ms": 0}, ""),
+        ("", ("battery 25", "flies return"), {"operator_lost_ms": 0}, ""),
+        ("", ("battery 25", "flies land"), {"operator_lost_ms": 0}, ""),
+        ("", ("battery 25", "grounded"), {"operator_lost_ms": 0}, ""),
+        ("", ("battery 0",), {"operator_lost_ms": 0, "battery_return_percent": 0, "battery_land_percent": 0}, ""),
+        ("", ("heard alpha",), {"operator_lost_ms": 0}, ""),
+        ("", ("heard alpha",), {"operator_lost_following_ms": 33_000}, ""),
+        ("", ("heard alpha", "order a override link for=99"), {}, ""),
+        ("", ("grounded",), {}, ""),
+    ],
+)
+def test_a_return_that_is_due_and_not_commanded(
+    monitor: str, told: tuple[str, ...], limits: dict[str, int], because: str
+) -> None:
+    """Low charge and silent operators, each by itself; not where it is held off, complied with, or switched off."""
+    flight = astray(*told, **limits)
+    check_equal(complaints(flight), [])
+    without(because)(flight)
+    found = {complaint.split(":")[0] for complaint in complaints(flight)}
+    check_equal({name for name in found if name.startswith("returns_")}, {monitor} - {""})
+
+
 def test_a_condition_is_a_breach_when_it_was_overdue_for_long() -> None:
     """After the time that failsafes may wait and a second for a shell that is late, to the nanosecond."""
     for late_ns, expected in ((0, False), (1, True)):
@@ -152,6 +195,20 @@ def test_a_watch_that_begins_at_a_start_knows_enough() -> None:
         change(forged)
         forged.append([changed_at(forged[-1][0], 17_000_000_000)])
         check_equal(name in {breach.name for step in forged for breach in other_watch.see(step)}, True)
+
+
+def test_a_watch_that_begins_at_a_start_knows_how_long_operators_are_silent() -> None:
+    """An outage that is known counts as silence."""
+    story = Story(**SAFE_LIMITS)
+    for words in ("heard alpha", "start"):
+        story.tell(words)
+    watch, begun = Watch(story.flight.state), len(story.flight.records)
+    for second, words in ((1, "vehicle up"), (61, "spot 0,0"), (68, "spot 0,1")):
+        story.at(1_000 * second)
+        story.tell(words)
+    flight = steps(story.flight.records[begun:])
+    without("no operator")(flight)
+    check_equal("returns_unheard" in {breach.name for step in flight for breach in watch.see(step)}, True)
 
 
 def test_a_watch_that_begins_at_a_start_knows_what_is_held_off() -> None:
