@@ -177,7 +177,10 @@ class Daemon:
         if session.sealing is not None and session.sealing.refusal:
             print(f"autopilot: the log is not signed any more: {session.sealing.refusal}", file=sys.stderr, flush=True)
         memory = remembered(session)
-        edges().record_in(session.flight.folder)
+        made = edges()
+        made.record_in(session.flight.folder)
+        if made.selftest is not None:
+            made.selftest.noted.resume(session.state)
         _call(asyncio_loop, lambda: _settle(ready, memory))
 
     async def _serve(

@@ -22,9 +22,11 @@ from autopilot.trust.book import TrustBook
 from autopilot.trust.clock import Clock
 from events.records import Record
 from events.schema.mission_pb2 import MissionPlanned, RunSelftest, SelftestReported
+from statecharts import State
 
 OFFER_AGAIN_S = 0.05
 PROBE = ".selftest"
+VEHICLE = 1
 _HEARD = ("frame_observed", "gimbal_reported", "operator_heard")
 
 
@@ -34,12 +36,18 @@ class Noted:
 
     heard_ns: dict[str, int]  # kind to monotonic nanoseconds
     plan: MissionPlanned | None = None
-    detector_us: int | None = None
     head: int = -1  # the newest record that was noted
+    boot: int = 0  # of the newest record
+
+    def resume(self, state: State) -> None:
+        """Take over the plan of a log that is gone on with: a start from a snapshot tells no records."""
+        self.plan = state.plans.get(VEHICLE) or self.plan
 
     def hear(self, records: tuple[Record, ...]) -> None:
         """Note what is durable."""
         for record in records:
+            if record.at.boot != self.boot:  # its monotonic time began anew: what came before has no age
+                self.boot, self.heard_ns = record.at.boot, {}
             if record.kind.name in _HEARD:
                 self.heard_ns[record.kind.name] = record.at.mono_ns
             elif isinstance(record.message, MissionPlanned):

@@ -9,9 +9,12 @@ from typing import Any
 import pytest
 
 from autopilot.node.fitness import DEGRADED, FAIL, HOUR_MS, ITEMS, MIB, PASS, SKIPPED, Found, judged
-from autopilot.node.selftest import PROBE, written
+from autopilot.node.selftest import PROBE, Noted, written
 from autopilot.ports.edges import VehicleFacts
+from statecharts import State
+from tests import flying
 from tests.checks import check_equal
+from tests.stories import Story
 
 VEHICLE = VehicleFacts(
     linked=True,
@@ -117,3 +120,30 @@ def test_the_probe_writes_and_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / PROBE).write_text("old")
     check_equal((written(tmp_path), list(tmp_path.iterdir())), ("", []))
     check_equal(written(tmp_path / "gone"), "No such file or directory")
+
+
+def test_what_was_heard_before_a_boot_is_not_heard_now() -> None:
+    """The monotonic time of another boot is no age; the plan is of the log, and stays."""
+    noted, tale = Noted({}), Story(*flying.opening())
+    for words in ("planned", "heard alpha"):
+        tale.tell(words)
+    noted.hear(tuple(tale.flight.records))
+    check_equal((list(noted.heard_ns), noted.plan), (["operator_heard"], tale.flight.state.plans[1]))
+    newest = tale.flight.records[-1]
+    noted.hear((newest,))
+    check_equal(list(noted.heard_ns), ["operator_heard"])
+    planned = next(record for record in tale.flight.records if record.kind.name == "mission_planned")
+    noted.hear((replace(planned, at=planned.at._replace(boot=planned.at.boot + 1)),))
+    check_equal((noted.heard_ns, noted.plan), ({}, tale.flight.state.plans[1]))
+
+
+def test_a_start_from_a_snapshot_knows_the_plan() -> None:
+    """Its records are not told; a log without a plan takes none away."""
+    noted, tale = Noted({}), Story(*flying.opening())
+    noted.resume(tale.flight.state)
+    check_equal(noted.plan, None)
+    tale.tell("planned")
+    plan = tale.flight.state.plans[1]
+    for state in (tale.flight.state, State()):
+        noted.resume(state)
+        check_equal(noted.plan, plan)
