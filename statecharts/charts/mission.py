@@ -20,9 +20,9 @@ A vehicle that is not heard is asked for nothing; when it is heard again it is a
 brings home or down: then this chart only watches. A plan that changes before the arming is uploaded again first; one
 that changes in the air, as soon as the vehicle flies the mission.
 
-It must never arm before the newest plan was read back, never begin with a vehicle that is armed already, never start
-what a self-test has not passed, never command a vehicle that somebody else has taken, and never fly a plan a second
-time by itself.
+It must never arm on an order from before a start, nor before the newest plan was read back, never begin with a vehicle
+that is armed already, never start what a self-test has not passed, never command a vehicle that somebody else has
+taken, and never fly a plan a second time by itself.
 """
 
 from __future__ import annotations
@@ -131,6 +131,10 @@ def _step(source: str) -> tuple[Row[Facts], ...]:
     )
 
 
+# An order to begin does not outlive a start on the ground: hours later somebody may stand beside the propellers.
+_AGAIN = "started again on the ground: waits for an order anew"
+
+
 def _replanned(source: str) -> tuple[Row[Facts], ...]:
     return (move(source, "planned", "uploading", "the plan has changed"),)
 
@@ -198,6 +202,8 @@ CHART: Chart[Facts] = Chart(
         *_tried("uploading", "upload_failed", "the vehicle did not take the plan"),
         *_tried("uploading", "time_passed", "no word of the upload"),
         *_heard_again("uploading"),
+        move("uploading", "node_started", "ready", _AGAIN, disarmed, band=1),
+        ignore("uploading", "node_started", "armed: it is asked again when the vehicle is heard", band=2),
         *_replanned("uploading"),
         *_while_not_looked_at("uploading"),
         move("uploading", "pause", "paused", "an operator pauses it"),
@@ -210,11 +216,13 @@ CHART: Chart[Facts] = Chart(
         ignore("waiting_for_pilot", "planned", "armed: the plan is changed in the air", band=2),
         *_before_upload("waiting_for_pilot"),
         *_step("readying"),
+        move("readying", "node_started", "ready", _AGAIN),
         *_replanned("readying"),
         move("readying", "accepted", "arming", "the vehicle holds"),
         move("readying", "reported", "arming", "the vehicle holds", holding, band=1),
         ignore("readying", "reported", "not yet", band=2),
         *_step("arming"),
+        move("arming", "node_started", "ready", _AGAIN),
         *_replanned("arming"),
         move("arming", "reported", "engaging", "armed", armed, band=1),
         ignore("arming", "reported", "not yet", band=2),

@@ -147,6 +147,14 @@ def _silent(state: State, record: Record) -> None:
         state.deadlines.drop((CHART.name, str(VEHICLE)))
 
 
+def _started(state: State, record: Record) -> None:
+    """Forget the order to begin where nothing flies: it was given to what was there before the start."""
+    _silent(state, record)
+    vehicle = state.vehicles.get(VEHICLE)
+    if mission(state).begun and not (vehicle is not None and vehicle.armed):
+        _put(state, begun=False)
+
+
 def _reported(state: State, record: Record) -> None:
     """Wait no longer for a vehicle that is seen to return, and again where it no longer is."""
     report = record.message
@@ -167,7 +175,7 @@ EVOLVE: dict[str, Evolve] = {
     "mission_uploaded": _uploaded,
     "vehicle_state_reported": _reported,
     "vehicle_link_changed": _silent,
-    "node_started": _silent,
+    "node_started": _started,
     "arm_vehicle": _ask,
     "start_mission": _ask,
     "set_vehicle_mode": _ask_mode,

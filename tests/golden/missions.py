@@ -91,19 +91,25 @@ def on_the_ground() -> Flight:
     teller.tell(
         FAILSAFE + "|order {} abort|order {} begin|planned|report pass,degraded|order {} acknowledge 3|wait 130"
     )
-    teller.tell("planned|report fail|planned|report pass,skipped")
-    teller.ignore("planned", "pause", "abort", "uploaded", "upload_failed")
-    teller.tell("order {} pause")
+    teller.tell("planned|report fail|planned|report pass,skipped|order {} begin")
+    teller.ignore("node_started", "planned", "pause", "abort", "uploaded", "upload_failed")
+    teller.tell("start|vehicle up|order {} begin|order {} pause")
     teller.ignore("resume", "abort")
     teller.tell(FAILSAFE + "|order {} abort")
     teller.ignore("begin")
     teller.tell(FAILSAFE + "|order {} begin|planned|not-uploaded|not-uploaded|not-uploaded|order {} resume")
     teller.tell("wait 200|order {} resume|planned|order {} abort|order {} begin|planned|uploaded")
-    teller.ignore("planned", "pause", "abort", "accepted", "refused")
-    teller.tell("planned|uploaded|did 4|wait 40|order {} resume|uploaded|order {} pause|order {} resume|uploaded")
+    teller.ignore("node_started", "planned", "pause", "abort", "accepted", "refused")
+    teller.tell(
+        "start|vehicle up|order {} begin|uploaded|planned|uploaded|did 4|wait 40|order {} resume|uploaded|"
+        "order {} pause|order {} resume|uploaded"
+    )
     teller.tell("order {} abort|order {} begin|planned|uploaded|mode guided disarmed=1")
-    teller.ignore("planned", "pause", "abort", "refused")
-    teller.tell("did 4|planned|uploaded|did 0|wait 40|order {} resume|uploaded|did 0|order {} pause|order {} resume")
+    teller.ignore("node_started", "planned", "pause", "abort", "refused")
+    teller.tell(
+        "start|vehicle up|order {} begin|uploaded|did 0|did 4|planned|uploaded|did 0|wait 40|"
+        "order {} resume|uploaded|did 0|order {} pause|order {} resume"
+    )
     teller.tell("uploaded|did 0|order {} abort")
     return teller.story.flight
 
@@ -181,7 +187,9 @@ def in_the_air() -> Flight:
     teller.tell("mode return|vehicle down|vehicle up|mode none|wait 11|wait 6|battery 20|battery 90|disarmed")
     teller.tell("order {} begin|planned|" + UP + "|at 3|order {} abort|disarmed|order {} begin|planned|" + UP)
     teller.tell("order {} turn roles=camera|at 1|order {} follow p1 roles=camera|posted")
-    teller.tell("planned items=takeoff,go,go,go,home|uploaded|mode mission|at 2 reached=1|order {} abort")
+    teller.tell(
+        "planned items=takeoff,go,go,go,home|start|vehicle up|uploaded|mode mission|at 2 reached=1|order {} abort"
+    )
     return teller.story.flight
 
 

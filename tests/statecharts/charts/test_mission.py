@@ -261,19 +261,37 @@ def test_no_mission_to_be_had() -> None:
 
 
 def test_a_start_in_the_middle_of_it() -> None:
-    """What was asked and not answered is asked again when the vehicle is heard; in the air it watches."""
+    """On the ground nothing goes on without an order that is given after it; in the air it watches."""
     check_chart(
         "mission",
         """
-        at_s | observe    | state       | say       | why
-        3    | start      | -           | -         | -
-        70   | vehicle up | 1 uploading | upload 4  | the vehicle is heard again: asked anew
-        71   | uploaded   | 1 readying  | go guided | the vehicle has the plan, read back
-        72   | start      | -           | -         | -
-        90   | vehicle up | 1 readying  | go guided | the vehicle is heard again: asked anew
-        100  | time       | 1 paused    | -         | nothing came of it, as often as it may be tried
+        at_s | observe       | state       | say       | why
+        3    | start         | 1 ready     | -         | started again on the ground: waits for an order anew
+        7203 | vehicle up    | -           | -         | -
+        7204 | order b begin | 1 uploading | upload 4  | a person lets it begin
+        7205 | uploaded      | 1 readying  | go guided | the vehicle has the plan, read back
+        7206 | start         | 1 ready     | -         | started again on the ground: waits for an order anew
+        7207 | vehicle up    | -           | -         | -
+        7208 | order c begin | 1 uploading | upload 4  | a person lets it begin
+        7209 | uploaded      | 1 readying  | go guided | the vehicle has the plan, read back
+        7210 | did 0         | 1 arming    | arm       | the vehicle holds
+        7211 | start         | 1 ready     | -         | started again on the ground: waits for an order anew
+        7212 | vehicle up    | -           | -         | -
+        7213 | mode loiter disarmed=1 | -  | -         | -
         """,
-        story(GROUND, mission_tries=2),
+        story(GROUND),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state      | say | why
+        0    | planned       | 1 selftest | -   | planned
+        1    | order a begin | -          | -   | -
+        2    | start         | -          | -   | -
+        3    | vehicle up    | -          | -   | -
+        4    | report pass   | 1 ready    | -   | fit to fly: waits for an order
+        """,
+        story(),
     )
     check_chart(
         "mission",

@@ -58,6 +58,13 @@ def test_what_is_seen_decides_each_step() -> None:
         check_row("waiting_for_pilot", "reported", target, mode, **facts)
 
 
+@pytest.mark.parametrize("state", ["uploading", "readying", "arming"])
+def test_a_start_on_the_ground_waits_for_an_order(state: str) -> None:
+    """Armed, an upload goes on."""
+    check_row(state, "node_started", "ready")
+    check_row(state, "node_started", "uploading" if state == "uploading" else "ready", armed=True)
+
+
 def test_while_the_plan_goes_up() -> None:
     """In the air a vehicle that lands, or goes home, is followed; an operator's word is heard."""
     check_row("uploading", "reported", "landed", flown=True)
