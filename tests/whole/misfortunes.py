@@ -79,7 +79,7 @@ def check_in_progress_for_ever(flight: Mission) -> None:
 
 def check_gimbal_taken(flight: Mission) -> None:
     """Another station takes the gimbal and turns it: an event, and the operator is told that it drifted and why."""
-    since = flight.head()
+    since = flight.next_seq()
     _point(flight, -60)
     flight.status(lambda one: one.cameras[0].aim == "arrived", "the gimbal to arrive")
     flight.door.ask(take_gimbal=list(OTHER_STATION), point_gimbal=[10, 45])
@@ -107,7 +107,7 @@ def check_clock_jump(flight: Mission) -> None:
 
 def check_reboot(flight: Mission) -> None:
     """It is seen in another mode, nothing is commanded against it, streams come again; a person lets it go on."""
-    since = flight.head()
+    since = flight.next_seq()
     flight.door.ask(reboot=True)
     paused = flight.wait_record(lambda one: _moves(one, "mission", "paused"), "the mission to stop", since)
     flight.wait_record(lambda one: isinstance(one.message, PositionReported), "its places", paused.seq)
@@ -119,7 +119,7 @@ def check_reboot(flight: Mission) -> None:
 
 def check_gps_jump(flight: Mission) -> int:
     """A place outside the fence: the return is commanded; return the ms from the place's record to the bytes' one."""
-    since = flight.head()
+    since = flight.next_seq()
     flight.door.ask(gps_jump_m=[500, 0])
     command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "outside every inclusion fence")
     ms = _detected_to_sent(flight, command)
@@ -132,7 +132,7 @@ def check_gps_jump(flight: Mission) -> int:
 
 def check_fence_at_speed(flight: Mission) -> tuple[int, float]:
     """Another station sends it over the fence: commanded home; return ms to the bytes, and metres beyond the fence."""
-    since = flight.head()
+    since = flight.next_seq()
     with Station(flight.stage.ports.mavlink, OTHER_STATION) as station:
         station.fly_to(flight, 50, -160, 20)
         flight.wait_record(lambda one: _moves(one, "mission", "paused"), "the mission to stop", since)
@@ -150,7 +150,7 @@ def check_fence_at_speed(flight: Mission) -> tuple[int, float]:
 
 def check_battery(flight: Mission) -> None:
     """24 % returns, which an override holds off for its time; 14 % lands, whatever is held off. It is down then."""
-    since = flight.head()
+    since = flight.next_seq()
     assert flight.order(compose.override("battery_return", 2.0, "the last lane")).result == "accepted"
     flight.door.ask(battery_percent=24)
     held = flight.wait_record(lambda one: _moves(one, "safety", "held_off"), "the return to be held off", since)
@@ -164,7 +164,7 @@ def check_battery(flight: Mission) -> None:
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
     assert flight.order(compose.override("battery_return", 60.0, "one look more")).result == "accepted"
     _back_to_the_mission(flight)
-    since = flight.head()
+    since = flight.next_seq()
     flight.door.ask(battery_percent=14)
     command = _failsafe(flight, since, FLIGHT_MODE_LAND, "battery at 1")
     assert command.seq > held.seq
@@ -174,10 +174,10 @@ def check_battery(flight: Mission) -> None:
 
 def check_silence(flight: Mission, seconds: float, states: list[str]) -> None:
     """No operator is heard for so long: the link goes through these states and back, and where lost it returns."""
-    since = flight.head()
+    since = flight.next_seq()
     flight.away(seconds)
     heard = flight.wait_record(
-        lambda one: one.kind.name == "operator_heard" and one.seq > flight.attended_seq, "an operator to be heard"
+        lambda one: one.kind.name == "operator_heard" and one.seq >= flight.attended_seq, "an operator to be heard"
     )
     flight.status(lambda one: one.operator_link == "ok" and one.head_seq >= heard.seq, "the link to be back")
     moves = [one.message for one in flight.records() if one.seq >= since and isinstance(one.message, Moved)]
@@ -221,9 +221,9 @@ def check_disk_full(flight: Mission, ballast: Path) -> None:
     with ballast.open("wb", buffering=0) as file, suppress(OSError):
         while True:
             file.write(bytes(1 << 16))
-    full = flight.head()
+    full = flight.next_seq()
     for _ in range(3):  # places of after the disk was full
-        full = flight.wait_record(lambda one: isinstance(one.message, PositionReported), "a place", full + 1).seq
+        full = flight.wait_record(lambda one: isinstance(one.message, PositionReported), "a place", full).seq + 1
     first = flight.stage.flight
     resource.prlimit(flight.stage.node.pid, resource.RLIMIT_FSIZE, (1 << 16, 1 << 16))
     flight.died(os.EX_IOERR)
@@ -233,7 +233,7 @@ def check_disk_full(flight: Mission, ballast: Path) -> None:
     flight.status_since_start()
     ballast.unlink()
     flight.status(lambda one: not one.not_recording and one.armed, "the node to record again")
-    since = flight.head()
+    since = flight.next_seq()
     flight.door.ask(battery_percent=24)
     _failsafe(flight, since, FLIGHT_MODE_RETURN, "battery at 2")
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
@@ -246,7 +246,7 @@ def rest(seconds: float) -> None:
 
 def _point(flight: Mission, pitch_deg: float) -> tuple[list[Any], str]:
     """Point the camera as an operator; return the outcomes of its effect, and the order's result."""
-    since = flight.head()
+    since = flight.next_seq()
     answer = flight.order(compose.point_at_angles(pitch_deg, 0), by=flight.operator)
     records = flight.records()
     own = [one for one in records if one.seq >= since and isinstance(one.message, PointAtAngles) and one.message.order]
