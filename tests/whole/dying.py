@@ -29,5 +29,5 @@ class DyingSession(Session):
 if __name__ == "__main__":
     from autopilot.adapters.vehicle import link
 
-    link.Session = DyingSession  # type: ignore[misc]
+    link.Session = DyingSession  # type: ignore[attr-defined]
     sys.exit(main())

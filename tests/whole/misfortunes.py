@@ -29,6 +29,7 @@ from events.schema.vehicle_pb2 import (
     GimbalControlChanged,
     PointAtAngles,
     PositionReported,
+    VehicleStateReported,
 )
 from tests.whole.flights import Mission, verified
 from tests.whole.station import Station
@@ -126,7 +127,7 @@ def check_gps_jump(flight: Mission) -> int:
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
     flight.door.ask(gps_jump_m=0)
     flight.wait_record(lambda one: _moves(one, "safety", "ok"), "the fence to hold again", command.seq)
-    _back_to_the_mission(flight)
+    _back_to_the_mission(flight, since)
     return ms
 
 
@@ -144,7 +145,7 @@ def check_fence_at_speed(flight: Mission) -> tuple[int, float]:
         threading.Event().wait(0.02)
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
     flight.wait_record(lambda one: _moves(one, "safety", "ok"), "the fence to hold again", command.seq)
-    _back_to_the_mission(flight)
+    _back_to_the_mission(flight, since)
     return ms, beyond_m
 
 
@@ -163,7 +164,7 @@ def check_battery(flight: Mission) -> None:
     assert command.at.flight_ns - begun.at.flight_ns >= 2 * 10**9
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
     assert flight.order(compose.override("battery_return", 60.0, "one look more")).result == "accepted"
-    _back_to_the_mission(flight)
+    _back_to_the_mission(flight, since)
     since = flight.next_seq()
     flight.door.ask(battery_percent=14)
     command = _failsafe(flight, since, FLIGHT_MODE_LAND, "battery at 1")
@@ -181,14 +182,14 @@ def check_silence(flight: Mission, seconds: float, states: list[str]) -> None:
     )
     flight.status(lambda one: one.operator_link == "ok" and one.head_seq >= heard.seq, "the link to be back")
     moves = [one.message for one in flight.records() if one.seq >= since and isinstance(one.message, Moved)]
-    assert [one.to_state for one in moves if one.chart == "link"] == [*states, *(["ok"] if states else [])]
+    back = ["ok"] if states else []
+    assert [one.to_state for one in moves if one.chart == "link"] == states + back
     commands = _commands(flight.records(), since)
-    assert {(one.mode, one.because) for one in commands} == (
-        {(FLIGHT_MODE_RETURN, "no operator is heard any more")} if "lost" in states else set()
-    )
+    returns = {(FLIGHT_MODE_RETURN, "no operator is heard any more")} if "lost" in states else set()
+    assert {(one.mode, one.because) for one in commands} == returns
     if commands:
         flight.truth(lambda one: one["doing"] == RETURNS, "the return")
-        _back_to_the_mission(flight)
+        _back_to_the_mission(flight, since)
 
 
 def check_killed_before_the_bytes(flight: Mission, well: Process) -> None:
@@ -306,10 +307,16 @@ def _resume(flight: Mission) -> None:
     flight.status(lambda one: one.mission.state == "flying", "the mission to go on")
 
 
-def _back_to_the_mission(flight: Mission) -> None:
-    """Stop a return that nothing demands any more, and go on."""
-    if flight.status(lambda one: True, "a status").mission.state != "paused":
-        assert flight.order(compose.mission("pause")).result == "accepted"
-        flight.status(lambda one: one.mission.state == "paused", "the return to be stopped")
+def _back_to_the_mission(flight: Mission, since: int) -> None:
+    """Stop a return that nothing demands any more, once the vehicle has said that it returns, and go on."""
+
+    def says(record: Record) -> bool:
+        message = record.message
+        return isinstance(message, VehicleStateReported) and message.flight_mode == FLIGHT_MODE_RETURN
+
+    flight.wait_record(says, "the vehicle to say that it returns", since)
+    assert flight.order(compose.mission("pause")).result == "accepted"
+    flight.truth(lambda one: one["doing"] == "hold", "the vehicle to hold")
+    flight.status(lambda one: one.mission.state == "paused", "the return to be stopped")
     _resume(flight)
     flight.truth(lambda one: one["doing"] == "mission", "the mission to go on")

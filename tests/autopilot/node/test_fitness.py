@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from google.protobuf.message import Message
 
 from autopilot.node import selftest as performer
 from autopilot.node.fitness import DEGRADED, FAIL, HOUR_MS, ITEMS, MIB, PASS, SKIPPED, Found, judged
 from autopilot.node.selftest import PROBE, written
-from autopilot.ports.edges import VehicleFacts
+from autopilot.ports.edges import InputClass, VehicleFacts
 from events.schema.mission_pb2 import RunSelftest
 from tests.checks import check_equal
 
@@ -122,9 +123,19 @@ def test_it_looks_when_what_led_to_it_is_noted(monkeypatch: pytest.MonkeyPatch) 
     looked_at: list[int] = []
     unused: Any = None
 
+    def offer(input_class: InputClass, observation: Message) -> bool:
+        del input_class
+        offered.append(observation)
+        return True
+
     async def run() -> None:
-        selftest = performer.Selftest(unused, unused, unused, lambda _, one: not offered.append(one), None, unused)
-        monkeypatch.setattr(selftest, "_look", lambda _: looked_at.append(selftest.noted.head) or WELL)
+        selftest = performer.Selftest(unused, unused, unused, offer, None, unused)
+
+        def look(_: object) -> Found:
+            looked_at.append(selftest.noted.head)
+            return WELL
+
+        monkeypatch.setattr(selftest, "_look", look)
         selftest.noted.head = 4
         selftest.perform(5, RunSelftest(vehicle=1), 0)
         for _ in range(20):
