@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -141,7 +142,8 @@ def test_it_looks_when_what_led_to_it_is_noted(monkeypatch: pytest.MonkeyPatch) 
         for _ in range(20):
             await asyncio.sleep(0)
         assert looked_at == []
-        selftest.noted.head = 6
+        last: Any = SimpleNamespace(seq=6, kind=SimpleNamespace(name="moved"), message=None)
+        selftest.noted.hear((last,))
         await asyncio.wait_for(asyncio.gather(*selftest._tasks), 10)
 
     asyncio.run(run())
