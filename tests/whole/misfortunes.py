@@ -137,7 +137,7 @@ def check_fence_at_speed(flight: Mission) -> tuple[int, float]:
     with Station(flight.stage.ports.mavlink, OTHER_STATION) as station:
         station.fly_to(flight, 50, -160, 20)
         flight.wait_record(lambda one: _moves(one, "mission", "paused"), "the mission to stop", since)
-        command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "the inclusion fences")
+        command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "inclusion fence")
     ms = _detected_to_sent(flight, command)
     beyond_m = 0.0
     while (truth := flight.door.state())["north_m_s"] < 0.5:
