@@ -122,7 +122,7 @@ def check_gps_jump(flight: Mission) -> int:
     """A place outside the fence: the return is commanded; return the ms from the place's record to the bytes' one."""
     since = flight.next_seq()
     flight.door.ask(gps_jump_m=[500, 0])
-    command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "outside every inclusion fence")
+    command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "outside an inclusion fence")
     ms = _detected_to_sent(flight, command)
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
     flight.door.ask(gps_jump_m=0)
