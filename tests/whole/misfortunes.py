@@ -163,7 +163,9 @@ def check_battery(flight: Mission) -> None:
     command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "battery at 2")
     assert command.at.flight_ns - begun.at.flight_ns >= 2 * 10**9
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
+    again = flight.next_seq()
     assert flight.order(compose.override("battery_return", 60.0, "one look more")).result == "accepted"
+    flight.wait_record(lambda one: _moves(one, "safety", "held_off"), "the failsafe to let go of it", again)
     _back_to_the_mission(flight, since)
     since = flight.next_seq()
     flight.door.ask(battery_percent=14)
