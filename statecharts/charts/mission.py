@@ -264,6 +264,8 @@ CHART: Chart[Facts] = Chart(
         move("paused", "reported", "returning", "the vehicle goes home", going_home_in_air, band=2),
         move("paused", "reported", "flying", "somebody put it back into the mission", in_mission_in_air, band=3),
         ignore("paused", "reported", "a person has it", band=4),
+        move("paused", "time_passed", "paused", "it does not hold: asked again", in_mission_in_air, band=1),
+        ignore("paused", "time_passed", "it holds, or somebody has it", band=2),
         ignore("paused", "failsafe", "its return is seen when the vehicle complies"),
         move("paused", "abort", "aborting", "an operator aborts it", armed, band=1),
         move("paused", "abort", "aborted", "an operator aborts it", band=2),

@@ -14,7 +14,7 @@ from events.schema.mission_pb2 import (
     PostWaypoint,
     WaypointPosted,
 )
-from events.schema.safety_pb2 import FLIGHT_MODE_LAND, FLIGHT_MODE_RETURN, SetVehicleMode
+from events.schema.safety_pb2 import FLIGHT_MODE_LAND, FLIGHT_MODE_MISSION, FLIGHT_MODE_RETURN, SetVehicleMode
 from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
 from statecharts.charts.mission import CHART, MAY_BEGIN
 from statecharts.facts import Mission, Vehicle
@@ -127,10 +127,16 @@ def _note_beginning(state: State, change: Moved) -> None:
 def _wait(state: State, record: Record, change: Moved) -> None:
     if change.to_state in ASKING and not (state.vehicles.get(VEHICLE) or Vehicle()).link:
         state.deadlines.drop((CHART.name, change.instance))  # nothing is asked until the vehicle is heard
-    elif change.to_state in (*ASKING, "landed"):
+    elif change.to_state in (*ASKING, "landed") or (change.to_state == "paused" and _flies(state)):
         _wait_from(state, record.at.flight_ns, change.to_state)
     else:
         state.deadlines.drop((CHART.name, change.instance))
+
+
+def _flies(state: State) -> bool:
+    """Whether the vehicle flies the mission: one that is paused then was told to hold, and may not have heard it."""
+    vehicle = state.vehicles.get(VEHICLE) or Vehicle()
+    return vehicle.armed and vehicle.link and vehicle.flight_mode == FLIGHT_MODE_MISSION
 
 
 def _wait_from(state: State, now_ns: int, name: str) -> None:
@@ -143,7 +149,11 @@ def _silent(state: State, record: Record) -> None:
     """Wait for no answer of a vehicle that is not heard: it is asked again when it is."""
     change = record.message
     here = isinstance(change, NodeStarted) or (isinstance(change, VehicleLinkChanged) and change.vehicle == VEHICLE)
-    if here and not (isinstance(change, VehicleLinkChanged) and change.up) and mission(state).state in ASKING:
+    if (
+        here
+        and not (isinstance(change, VehicleLinkChanged) and change.up)
+        and mission(state).state in (*ASKING, "paused")
+    ):
         state.deadlines.drop((CHART.name, str(VEHICLE)))
 
 
@@ -159,9 +169,11 @@ def _reported(state: State, record: Record) -> None:
     """Wait no longer for a vehicle that is seen to return, and again where it no longer is."""
     report = record.message
     assert isinstance(report, VehicleStateReported)
-    if report.vehicle != VEHICLE or mission(state).state != "aborting":
+    key, now = (CHART.name, str(VEHICLE)), mission(state).state
+    if report.vehicle == VEHICLE and now == "paused":
+        state.deadlines.drop(key)  # whatever it does now it says by itself
+    if report.vehicle != VEHICLE or now != "aborting":
         return
-    key = (CHART.name, str(VEHICLE))
     if report.flight_mode in COMPLYING:
         state.deadlines.drop(key)
     elif key not in state.deadlines:

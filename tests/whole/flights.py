@@ -18,6 +18,7 @@ from typing import Any, Self
 from autopilot.cli.demonstration.cast import NODE
 from autopilot.cli.demonstration.mission_stage import MissionStage, Polygon, mission, place
 from autopilot.ground import compose
+from autopilot.ground.attending import PRESENCE_S
 from autopilot.ground.issuer import Issuer
 from autopilot.ground.ledger import Answer
 from events import Record, read_record
@@ -90,7 +91,7 @@ class Mission:
     ) -> None:
         self.stage = MissionStage(folder, 3, personality=personality, frame=frame, speed_up=speed_up, flies=flies)
         self.speed_up = speed_up
-        self.attended_seq = 0  # the newest record when somebody came back
+        self.attended_seq = 0  # what was recorded from here on was so when somebody was back
         self.failsafe_again_s = failsafe_again_s
         self.configure("safety", failsafe_again_s=self.failsafe_again_s)
         self.configure(
@@ -205,15 +206,16 @@ class Mission:
             threading.Event().wait(LOOK_S)
 
     def away(self, seconds: float) -> None:
-        """Let nobody attend for so long."""
+        """Let nobody attend for so long after the last word that was recorded, give or take half a second."""
+        self.wait_record(lambda one: one.kind.name == "operator_heard", "a word of an operator", self.next_seq())
         self.supervisor.leave(NODE)
-        threading.Event().wait(seconds)
-        self.attended_seq = self.head()
+        threading.Event().wait(seconds - PRESENCE_S / 2)
+        self.attended_seq = self.next_seq()
         self.supervisor.attend(NODE)
 
-    def head(self) -> int:
-        """Return the number of the newest record."""
-        return self.records()[-1].seq
+    def next_seq(self) -> int:
+        """Return the number of the record that comes next."""
+        return self.records()[-1].seq + 1
 
     def records(self, flight: Path | None = None) -> list[Record]:
         """Return what is durable of the newest flight, or of this one."""

@@ -29,6 +29,7 @@ from events.schema.vehicle_pb2 import (
     GimbalControlChanged,
     PointAtAngles,
     PositionReported,
+    VehicleStateReported,
 )
 from tests.whole.flights import Mission, verified
 from tests.whole.station import Station
@@ -79,7 +80,7 @@ def check_in_progress_for_ever(flight: Mission) -> None:
 
 def check_gimbal_taken(flight: Mission) -> None:
     """Another station takes the gimbal and turns it: an event, and the operator is told that it drifted and why."""
-    since = flight.head()
+    since = flight.next_seq()
     _point(flight, -60)
     flight.status(lambda one: one.cameras[0].aim == "arrived", "the gimbal to arrive")
     flight.door.ask(take_gimbal=list(OTHER_STATION), point_gimbal=[10, 45])
@@ -107,7 +108,7 @@ def check_clock_jump(flight: Mission) -> None:
 
 def check_reboot(flight: Mission) -> None:
     """It is seen in another mode, nothing is commanded against it, streams come again; a person lets it go on."""
-    since = flight.head()
+    since = flight.next_seq()
     flight.door.ask(reboot=True)
     paused = flight.wait_record(lambda one: _moves(one, "mission", "paused"), "the mission to stop", since)
     flight.wait_record(lambda one: isinstance(one.message, PositionReported), "its places", paused.seq)
@@ -119,24 +120,24 @@ def check_reboot(flight: Mission) -> None:
 
 def check_gps_jump(flight: Mission) -> int:
     """A place outside the fence: the return is commanded; return the ms from the place's record to the bytes' one."""
-    since = flight.head()
+    since = flight.next_seq()
     flight.door.ask(gps_jump_m=[500, 0])
-    command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "outside every inclusion fence")
+    command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "outside an inclusion fence")
     ms = _detected_to_sent(flight, command)
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
     flight.door.ask(gps_jump_m=0)
     flight.wait_record(lambda one: _moves(one, "safety", "ok"), "the fence to hold again", command.seq)
-    _back_to_the_mission(flight)
+    _back_to_the_mission(flight, since)
     return ms
 
 
 def check_fence_at_speed(flight: Mission) -> tuple[int, float]:
     """Another station sends it over the fence: commanded home; return ms to the bytes, and metres beyond the fence."""
-    since = flight.head()
+    since = flight.next_seq()
     with Station(flight.stage.ports.mavlink, OTHER_STATION) as station:
         station.fly_to(flight, 50, -160, 20)
         flight.wait_record(lambda one: _moves(one, "mission", "paused"), "the mission to stop", since)
-        command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "the inclusion fences")
+        command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "inclusion fence")
     ms = _detected_to_sent(flight, command)
     beyond_m = 0.0
     while (truth := flight.door.state())["north_m_s"] < 0.5:
@@ -144,13 +145,13 @@ def check_fence_at_speed(flight: Mission) -> tuple[int, float]:
         threading.Event().wait(0.02)
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
     flight.wait_record(lambda one: _moves(one, "safety", "ok"), "the fence to hold again", command.seq)
-    _back_to_the_mission(flight)
+    _back_to_the_mission(flight, since)
     return ms, beyond_m
 
 
 def check_battery(flight: Mission) -> None:
     """24 % returns, which an override holds off for its time; 14 % lands, whatever is held off. It is down then."""
-    since = flight.head()
+    since = flight.next_seq()
     assert flight.order(compose.override("battery_return", 2.0, "the last lane")).result == "accepted"
     flight.door.ask(battery_percent=24)
     held = flight.wait_record(lambda one: _moves(one, "safety", "held_off"), "the return to be held off", since)
@@ -162,9 +163,11 @@ def check_battery(flight: Mission) -> None:
     command = _failsafe(flight, since, FLIGHT_MODE_RETURN, "battery at 2")
     assert command.at.flight_ns - begun.at.flight_ns >= 2 * 10**9
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
+    again = flight.next_seq()
     assert flight.order(compose.override("battery_return", 60.0, "one look more")).result == "accepted"
-    _back_to_the_mission(flight)
-    since = flight.head()
+    flight.wait_record(lambda one: _moves(one, "safety", "held_off"), "the failsafe to let go of it", again)
+    _back_to_the_mission(flight, since)
+    since = flight.next_seq()
     flight.door.ask(battery_percent=14)
     command = _failsafe(flight, since, FLIGHT_MODE_LAND, "battery at 1")
     assert command.seq > held.seq
@@ -174,21 +177,21 @@ def check_battery(flight: Mission) -> None:
 
 def check_silence(flight: Mission, seconds: float, states: list[str]) -> None:
     """No operator is heard for so long: the link goes through these states and back, and where lost it returns."""
-    since = flight.head()
+    since = flight.next_seq()
     flight.away(seconds)
     heard = flight.wait_record(
-        lambda one: one.kind.name == "operator_heard" and one.seq > flight.attended_seq, "an operator to be heard"
+        lambda one: one.kind.name == "operator_heard" and one.seq >= flight.attended_seq, "an operator to be heard"
     )
     flight.status(lambda one: one.operator_link == "ok" and one.head_seq >= heard.seq, "the link to be back")
     moves = [one.message for one in flight.records() if one.seq >= since and isinstance(one.message, Moved)]
-    assert [one.to_state for one in moves if one.chart == "link"] == [*states, *(["ok"] if states else [])]
+    back = ["ok"] if states else []
+    assert [one.to_state for one in moves if one.chart == "link"] == states + back
     commands = _commands(flight.records(), since)
-    assert {(one.mode, one.because) for one in commands} == (
-        {(FLIGHT_MODE_RETURN, "no operator is heard any more")} if "lost" in states else set()
-    )
+    returns = {(FLIGHT_MODE_RETURN, "no operator is heard any more")} if "lost" in states else set()
+    assert {(one.mode, one.because) for one in commands} == returns
     if commands:
         flight.truth(lambda one: one["doing"] == RETURNS, "the return")
-        _back_to_the_mission(flight)
+        _back_to_the_mission(flight, since)
 
 
 def check_killed_before_the_bytes(flight: Mission, well: Process) -> None:
@@ -221,9 +224,9 @@ def check_disk_full(flight: Mission, ballast: Path) -> None:
     with ballast.open("wb", buffering=0) as file, suppress(OSError):
         while True:
             file.write(bytes(1 << 16))
-    full = flight.head()
+    full = flight.next_seq()
     for _ in range(3):  # places of after the disk was full
-        full = flight.wait_record(lambda one: isinstance(one.message, PositionReported), "a place", full + 1).seq
+        full = flight.wait_record(lambda one: isinstance(one.message, PositionReported), "a place", full).seq + 1
     first = flight.stage.flight
     resource.prlimit(flight.stage.node.pid, resource.RLIMIT_FSIZE, (1 << 16, 1 << 16))
     flight.died(os.EX_IOERR)
@@ -233,7 +236,7 @@ def check_disk_full(flight: Mission, ballast: Path) -> None:
     flight.status_since_start()
     ballast.unlink()
     flight.status(lambda one: not one.not_recording and one.armed, "the node to record again")
-    since = flight.head()
+    since = flight.next_seq()
     flight.door.ask(battery_percent=24)
     _failsafe(flight, since, FLIGHT_MODE_RETURN, "battery at 2")
     flight.truth(lambda one: one["doing"] == RETURNS, "the return")
@@ -246,7 +249,7 @@ def rest(seconds: float) -> None:
 
 def _point(flight: Mission, pitch_deg: float) -> tuple[list[Any], str]:
     """Point the camera as an operator; return the outcomes of its effect, and the order's result."""
-    since = flight.head()
+    since = flight.next_seq()
     answer = flight.order(compose.point_at_angles(pitch_deg, 0), by=flight.operator)
     records = flight.records()
     own = [one for one in records if one.seq >= since and isinstance(one.message, PointAtAngles) and one.message.order]
@@ -306,10 +309,16 @@ def _resume(flight: Mission) -> None:
     flight.status(lambda one: one.mission.state == "flying", "the mission to go on")
 
 
-def _back_to_the_mission(flight: Mission) -> None:
-    """Stop a return that nothing demands any more, and go on."""
-    if flight.status(lambda one: True, "a status").mission.state != "paused":
-        assert flight.order(compose.mission("pause")).result == "accepted"
-        flight.status(lambda one: one.mission.state == "paused", "the return to be stopped")
+def _back_to_the_mission(flight: Mission, since: int) -> None:
+    """Stop a return that nothing demands any more, once the vehicle has said that it returns, and go on."""
+
+    def says(record: Record) -> bool:
+        message = record.message
+        return isinstance(message, VehicleStateReported) and message.flight_mode == FLIGHT_MODE_RETURN
+
+    flight.wait_record(says, "the vehicle to say that it returns", since)
+    assert flight.order(compose.mission("pause")).result == "accepted"
+    flight.truth(lambda one: one["doing"] == "hold", "the vehicle to hold")
+    flight.status(lambda one: one.mission.state == "paused", "the return to be stopped")
     _resume(flight)
     flight.truth(lambda one: one["doing"] == "mission", "the mission to go on")

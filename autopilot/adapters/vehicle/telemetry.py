@@ -1,12 +1,12 @@
 """Telemetry into observations: thinned, and measured against what was asked of the gimbal.
 
-What is reported: the autopilot's state when it changed; a position, once places can be made, when it moved by
-more than `position_threshold_m` or turned by more than `heading_threshold_deg`, and while armed whether it
-did or not (a fence may be crept over), at most each `position_period_s`; the gimbal when it moved by more
-than `gimbal_threshold_deg`, when its error crossed the tolerance of arrival, when another pointing is
-measured against, and once after each accepted pointing (so that one which was there already is seen to have
-arrived). What stands still is said again each `say_again_s`, and everything is said in full at the start and
-when the vehicle came back.
+What is reported: the autopilot's state when it changed; a position, once places can be made, when it
+moved by more than `position_threshold_m` or turned by more than `heading_threshold_deg`, while armed
+also when it did neither (a fence may be crept over), at most each `position_period_s`; the gimbal when
+it moved by more than `gimbal_threshold_deg`, when its error crossed the tolerance of arrival, when
+another pointing is measured against, and once after each accepted pointing (so that one which was there
+already is seen to have arrived). What stands still is said again each `say_again_s`, and everything is
+said in full at the start and when the vehicle came back.
 
 What GIMBAL_DEVICE_ATTITUDE_STATUS says is a measurement only where the gimbal measures. A servo
 mount under ArduPilot reports what its servos were told, and mixes the vehicle's tilt into it; such

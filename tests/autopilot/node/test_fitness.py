@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from google.protobuf.message import Message
 
+from autopilot.node import selftest as performer
 from autopilot.node.fitness import DEGRADED, FAIL, HOUR_MS, ITEMS, MIB, PASS, SKIPPED, Found, judged
 from autopilot.node.selftest import PROBE, Noted, written
-from autopilot.ports.edges import VehicleFacts
+from autopilot.ports.edges import InputClass, VehicleFacts
+from events.schema.mission_pb2 import RunSelftest
 from statecharts import State
 from tests import flying
 from tests.checks import check_equal
@@ -113,6 +118,39 @@ def test_beyond_them(name: str, changes: dict[str, Any], verdict: int, words: st
     verdict_found, words_found = ITEMS[name](found)
     check_equal(verdict_found, verdict)
     check_equal(words in words_found, True)
+
+
+def test_it_looks_when_what_led_to_it_is_noted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plan is recorded in the same batch as the effect, which is performed before the batch is noted."""
+    monkeypatch.setattr(performer, "OFFER_AGAIN_S", 0.0)
+    offered: list[Any] = []
+    looked_at: list[int] = []
+    unused: Any = None
+
+    def offer(input_class: InputClass, observation: Message) -> bool:
+        del input_class
+        offered.append(observation)
+        return True
+
+    async def run() -> None:
+        selftest = performer.Selftest(unused, unused, unused, offer, None, unused)
+
+        def look(_: object) -> Found:
+            looked_at.append(selftest.noted.head)
+            return WELL
+
+        monkeypatch.setattr(selftest, "_look", look)
+        selftest.noted.head = 4
+        selftest.perform(5, RunSelftest(vehicle=1), 0)
+        for _ in range(20):
+            await asyncio.sleep(0)
+        assert looked_at == []
+        last: Any = SimpleNamespace(seq=6, kind=SimpleNamespace(name="moved"), message=None, at=SimpleNamespace(boot=1))
+        selftest.noted.hear((last,))
+        await asyncio.wait_for(asyncio.gather(*selftest._tasks), 10)
+
+    asyncio.run(run())
+    assert (looked_at, [one.effect_seq for one in offered]) == ([6], [5])
 
 
 def test_the_probe_writes_and_leaves_nothing(tmp_path: Path) -> None:

@@ -180,3 +180,11 @@ def test_the_door_is_a_line_of_json_each_way() -> None:
         door.stop()
 
     asyncio.run(story())
+
+
+def test_a_probability_that_was_a_whole_number_takes_a_part_of_one() -> None:
+    """The process's options may have set 0 and not 0.0."""
+    vehicle = Vehicle(1)
+    vehicle.unkind.ack_lost = 0
+    assert told(vehicle, {"unkind": {"ack_lost": 0.5}}) == {"ok": True}
+    assert vehicle.unkind.ack_lost == 0.5

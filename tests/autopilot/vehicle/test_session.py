@@ -154,6 +154,15 @@ def test_positions_are_thinned_and_wait_for_the_origin() -> None:
     )
 
 
+@pytest.mark.parametrize(("armed", "told"), [(False, 1), (True, 5)], ids=["disarmed", "armed"])
+def test_while_armed_each_place_is_told_at_its_period(armed: bool, told: int) -> None:
+    """A vehicle that creeps over a fence moves by less than the threshold."""
+    bench = Bench()
+    for tenth in range(21):
+        bench.hear(tenth / 10, heartbeat(armed=armed), position(tenth * 100, lat=LATITUDE_E7 + tenth))
+    assert len(bench.reported(PositionReported)) == told
+
+
 def test_an_unknown_heading_is_left_out() -> None:
     bench = Bench()
     bench.hear(0, heartbeat(), position(0, hdg=65535))
