@@ -77,9 +77,7 @@ def _lacks_explicit_defaults(message: Message) -> bool:
     for _, value in message.ListFields():
         if not value:
             return False
-        if isinstance(value, (int, str, bytes)):
-            continue  # the most, by far
-        parts = (value,) if isinstance(value, Message) else value
+        parts = value if not isinstance(value, (int, str, bytes, Message)) else (value,)
         if not all(_lacks_explicit_defaults(part) for part in parts if isinstance(part, Message)):
             return False
     return True

@@ -166,7 +166,7 @@ def test_a_failsafe_and_an_order_command_whom_they_like() -> None:
 
 
 def test_a_watch_that_begins_at_a_start_knows_how_far_the_mission_is() -> None:
-    """Plan, upload and self-test of before the start count, an order to begin does not; what was not there is missed."""
+    """Plan, upload and self-test of before the start count, an order to begin does not; what is not there is missed."""
     missed = {"begun_by_order"}
     for told, expected in ((TOLD[:4], missed), (TOLD[:3], missed | {"checked_before_arming"}), (TOLD[:2], missed)):
         story = flown(*told, "start")
