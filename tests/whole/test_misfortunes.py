@@ -19,6 +19,7 @@ pytestmark = pytest.mark.whole
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mission]:
     """A mission in the air, attended by its operator."""
     mission = Mission(tmp_path_factory.mktemp("flight"), speed_up=4, flies=LONG)
+    mission.configure("mesh", presence_period_s=1.0)  # twice into what is called degraded
     mission.configure("safety", operator_degraded_s=2, operator_lost_s=4)
     with mission:
         mission.take_off()
