@@ -1,9 +1,10 @@
 """Checks the proof of a decision, offline: written from docs/proof.md, so that it shares no mistake with who made it.
 
-It imports the standard library and two files beside it: `papers`, for the papers that a proof comes with, which adds
-one Ed25519 verification, and `ordered`, for who gave an order; nothing else of this repository. They can be copied away
-and read alone. It opens no network and needs no key. A proof holds as a whole or not at all: every byte of the file is
-bound by a hash, a signature, or the one way in which it may be written. What a record means is not its business.
+It imports the standard library and three files beside it: `papers`, for the papers that a proof comes with, which
+adds one Ed25519 verification, `ordered`, for who gave an order, and `asked`, for what it asks; nothing else of this
+repository. They can be copied away and read alone. It opens no network and needs no key. A proof holds as a whole or
+not at all: every byte of the file is bound by a hash, a signature, or the one way in which it may be written. What a
+record means is not its business.
 """
 
 from __future__ import annotations

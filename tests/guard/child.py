@@ -22,6 +22,7 @@ def main() -> None:
     with watch.on():
         flights = flying.fly_all()
     sins = [list(sin) for sin in guarding.seen.sins]
+    import_module("statecharts.charts.transfer")  # executed at the edge: no flight loads it
     loaded = sorted(guarding.loaded)
     planted = {statement: seen_of(statement, guarding, watch) for statement in (*SINS, *HARMLESS)}
     print(json.dumps({"flights": flights, "loaded": loaded, "sins": sins, "planted": planted}))

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from autopilot.cli import export, verify
-from autopilot.ground import consistency, ordered, verifier
+from autopilot.ground import asked, consistency, ordered, verifier
 from autopilot.ground import papers as papers_module
 from autopilot.ground.verifier import ANSWERS, ProofRefused, check
 from autopilot.node.sealing import CERTIFICATE_FILE
@@ -266,11 +266,12 @@ def test_replay_holds_the_log_against_its_checkpoints() -> None:
 def test_the_verifier_stands_alone() -> None:
     """It imports the standard library and one verification; and it knows every kind that answers an effect."""
     found = set[str]()
-    for module in (verifier, papers_module, consistency, ordered):
+    for module in (verifier, papers_module, consistency, ordered, asked):
         source = source_of("verifier.py", Path(module.__file__ or "").read_text(encoding="utf-8"))
         lines = [line for line in source.text.splitlines() if line.startswith(("import ", "from "))]
         found |= {line.split()[1] for line in lines if line.split()[1].split(".")[0] not in sys.stdlib_module_names}
-    assert found == {"nacl.exceptions", "nacl.signing", "autopilot.ground.papers", "autopilot.ground.ordered"}
+    own = {f"autopilot.ground.{name}" for name in ("papers", "ordered", "asked")}
+    assert found == {"nacl.exceptions", "nacl.signing"} | own
     fields = {kind.number: kind.message.DESCRIPTOR.fields_by_name.get("effect_seq") for kind in KINDS}
     assert {number: field.number for number, field in fields.items() if field is not None} == ANSWERS
     assert PrincipalKind.NODE == papers_module.NODE

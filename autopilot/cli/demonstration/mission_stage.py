@@ -18,7 +18,8 @@ from autopilot.sim.aircraft import HOME
 
 Polygon = tuple[tuple[float, float], ...]
 
-SPEED_UP = 4.0
+SPEED_UP = 3.0
+LATE_ANSWER_S = 3.0  # in the world's time: a copter that is armed and does nothing disarms itself after 10 s of it
 HEIGHT_M = 30.0
 MISSION = uuid.uuid5(uuid.NAMESPACE_URL, "autopilot demo mission")
 REGION_M = ((20.0, 20.0), (110.0, 20.0), (110.0, 90.0), (20.0, 90.0))  # east, north of home
@@ -61,6 +62,7 @@ class MissionStage(Stage):
         text = text.replace(
             "[scan]\nenabled = true", "[scan]\nenabled = false"
         )  # it searches, and looks at nothing else
+        text = text.replace("[vehicle]\n", f"[vehicle]\nlate_answer_s = {LATE_ANSWER_S / speed_up:g}\n")
         self.config.write_text(text + _CONFIG.format(office=self.ports.office, mission=MISSION))
         office = [sys.executable, "-m", "autopilot.sim.office", "--port", str(self.ports.office), str(self.mission)]
         self.office = Process("mission office", office, folder / "logs" / "office.log", ready="ready")

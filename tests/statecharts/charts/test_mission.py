@@ -390,29 +390,3 @@ def test_while_it_waits_at_what_is_followed(words: str, state: str, say: str) ->
         tale.tell(told)
     found = seen(tale, "mission", tale.tell(words))
     check_equal((found["state"], found["say"]), (state, say))
-
-
-def test_a_pause_that_was_not_heard() -> None:
-    """The vehicle is asked again until it says that it does something else; a silent one is not."""
-    check_chart(
-        "mission",
-        """
-        at_s | observe       | state    | say       | why
-        9    | order p pause | 1 paused | go loiter | an operator pauses it
-        10   | did-not       | -        | -         | -
-        19   | time          | 1 paused | go loiter | it does not hold: asked again
-        29   | time          | 1 paused | go loiter | it does not hold: asked again
-        30   | mode loiter   | -        | -         | -
-        """,
-        story(AIR),
-    )
-    check_chart(
-        "mission",
-        """
-        at_s | observe       | state    | say       | why
-        9    | order p pause | 1 paused | go loiter | an operator pauses it
-        10   | vehicle down  | -        | -         | -
-        60   | vehicle up    | -        | -         | -
-        """,
-        story(AIR),
-    )

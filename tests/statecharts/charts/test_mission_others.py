@@ -245,3 +245,29 @@ def test_who_may_order_it() -> None:
         tale = story(**changes)
         tale.tell(words)
         check_equal(tale.flight.state.orders["alpha/a"].state, expected)
+
+
+def test_a_pause_that_was_not_heard() -> None:
+    """The vehicle is asked again until it says that it does something else; a silent one is not."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state    | say       | why
+        9    | order p pause | 1 paused | go loiter | an operator pauses it
+        10   | did-not       | -        | -         | -
+        19   | time          | 1 paused | go loiter | it does not hold: asked again
+        29   | time          | 1 paused | go loiter | it does not hold: asked again
+        30   | mode loiter   | -        | -         | -
+        """,
+        story(AIR),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state    | say       | why
+        9    | order p pause | 1 paused | go loiter | an operator pauses it
+        10   | vehicle down  | -        | -         | -
+        60   | vehicle up    | -        | -         | -
+        """,
+        story(AIR),
+    )
