@@ -1,4 +1,4 @@
-"""The daemon is killed at five seeded points of a 25 s flight and started again: nothing is lost or done twice.
+"""The daemon is killed at five seeded points of a 45 s flight and started again: nothing is lost or done twice.
 
 `python -m tests.torture kills` does the same at 200 points.
 """
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.whole
 
 def test_a_node_that_is_killed_goes_on_with_its_flight(tmp_path: Path) -> None:
     """Five kills, each followed by a start; the aircraft lands, and the sixth start closes the flight."""
-    flown = fly(tmp_path, seconds=25, seed=11, kills=5)
+    flown = fly(tmp_path, seconds=45, seed=11, kills=5)
     orders = check(flown, starts=6)
     assert orders["accepted"] > 10
     assert sum(answer.state == "final" for _, answer in flown.answers) > 10
