@@ -18,6 +18,7 @@ from typing import Any
 
 from autopilot.cli.demonstration.stage import Process
 from autopilot.ground import compose
+from autopilot.ground.attending import PRESENCE_S
 from events import Record
 from events.schema.common_pb2 import Moved
 from events.schema.flight_pb2 import SamplesRejected
@@ -32,6 +33,7 @@ from events.schema.vehicle_pb2 import (
     VehicleStateReported,
 )
 from tests.whole.flights import Mission, verified
+from tests.whole.silences import check_silences
 from tests.whole.station import Station
 
 IN_PROGRESS, ACCEPTED = 5, 0
@@ -175,21 +177,20 @@ def check_battery(flight: Mission) -> None:
     flight.landed()
 
 
-def check_silence(flight: Mission, seconds: float, states: list[str]) -> None:
-    """No operator is heard for so long: the link goes through these states and back, and where lost it returns."""
+def check_silence(flight: Mission, seconds: float) -> None:
+    """No operator is heard for so long: the link goes down step by step and back, and where it is lost one returns."""
     since = flight.next_seq()
     flight.away(seconds)
     heard = flight.wait_record(
         lambda one: one.kind.name == "operator_heard" and one.seq >= flight.attended_seq, "an operator to be heard"
     )
     flight.status(lambda one: one.operator_link == "ok" and one.head_seq >= heard.seq, "the link to be back")
-    moves = [one.message for one in flight.records() if one.seq >= since and isinstance(one.message, Moved)]
-    back = ["ok"] if states else []
-    assert [one.to_state for one in moves if one.chart == "link"] == states + back
-    commands = _commands(flight.records(), since)
-    returns = {(FLIGHT_MODE_RETURN, "no operator is heard any more")} if "lost" in states else set()
-    assert {(one.mode, one.because) for one in commands} == returns
-    if commands:
+    records = flight.records()
+    longest_s, lost = check_silences(records, since)
+    assert longest_s > seconds - PRESENCE_S, "there was no such silence"
+    returns = {(FLIGHT_MODE_RETURN, "no operator is heard any more")} if lost else set()
+    assert {(one.mode, one.because) for one in _commands(records, since)} == returns
+    if lost:
         flight.truth(lambda one: one["doing"] == RETURNS, "the return")
         _back_to_the_mission(flight, since)
 

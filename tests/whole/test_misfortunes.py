@@ -61,12 +61,10 @@ def test_the_autopilot_starts_again(flight: Mission) -> None:
     misfortunes.check_reboot(flight)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "states"), [(0.7, []), (2.8, ["degraded"]), (4.8, ["degraded", "lost"])], ids=["short", "some", "long"]
-)
-def test_no_operator_is_heard(flight: Mission, seconds: float, states: list[str]) -> None:
+@pytest.mark.parametrize("seconds", [0.7, 2.8, 4.8], ids=["short", "degraded", "lost"])
+def test_no_operator_is_heard(flight: Mission, seconds: float) -> None:
     """Degraded from 2 s, lost from 4 s; 5 s and 30 s are the same thing."""
-    misfortunes.check_silence(flight, seconds, states)
+    misfortunes.check_silence(flight, seconds)
 
 
 def test_the_place_jumps(flight: Mission, capsys: pytest.CaptureFixture[str]) -> None:
