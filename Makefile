@@ -11,8 +11,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.set-up
 PROTOS := $(wildcard events/schema/*.proto autopilot/wire/*.proto)
-# Tests marked `whole` start processes of their own, so they run one after the other, after all others.
-PYTEST := $(BIN)/pytest -n 2 -m "not whole" && $(BIN)/pytest -m whole
+# Tests marked `whole` start processes of their own and mostly wait: after all others, two files at a time.
+PYTEST := $(BIN)/pytest -n 2 -m "not whole" && $(BIN)/pytest -n 2 --dist loadfile -m whole
 
 .DEFAULT_GOAL := setup
 .PHONY: setup demo test check format bench torture proto diagrams
