@@ -2,14 +2,14 @@
 
 Building it twice from one log gives the same bytes: it reads nothing but the records, and its moments are theirs.
 What differs from the seed: null stands where a size or a first sighting in a flight before is unknown, `mission_id`
-is empty while there are no missions, the box is that of what was seen, on the ground, and an object carried over
+is empty before a mission is planned, the box is that of what was seen, on the ground, and an object carried over
 from a flight before is told as well. `number`, `sightings`, `poi_id`, `muted_by`, `muted`, `audit`, `pois` `flight`
 and, of a redacted copy, `gaps` are ours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -21,7 +21,7 @@ from projections import status as status_fold
 from projections.audit import AuditRow
 from projections.canonical import Decimal, decimal
 from projections.gaps import Left, whole_steps
-from projections.objects import NO_MISSION, IgnoredRow, ObjectRow, Objects, ObservationRow
+from projections.objects import IgnoredRow, ObjectRow, Objects, ObservationRow
 from projections.picture import Status
 from projections.pois import PoiRow
 from projections.words import ranges, timestamp
@@ -60,11 +60,11 @@ def build(records: Iterable[Record], left: Left | None = None) -> dict[str, Any]
         raise LookupError("the flight has no manifest: there is nothing to make a bundle of")
     return {
         "schema_version": SCHEMA_VERSION,
-        "mission_id": NO_MISSION,
-        "bbox": _box(objects),
+        "mission_id": objects.mission_id,
+        "bbox": _box([*objects.objects, *objects.observations]),
         "map_objects": [_object(row) for row in objects.objects],
         "observations": [_observation(row, status.picture.flight_id.hex()) for row in objects.observations],
-        "ignored_items": [_ignored(row) for row in objects.ignored if row.source == "local_appended"],
+        "ignored_items": [_ignored(row, objects) for row in objects.ignored if row.source == "local_appended"],
         "as_of": timestamp(status.at.wall_ns),
         "audit": [_audited(row) for row in audit.rows],
         "pois": [_poi(row) for row in pois.rows],
@@ -72,9 +72,36 @@ def build(records: Iterable[Record], left: Left | None = None) -> dict[str, Any]
     }
 
 
-def _box(objects: Objects) -> list[dict[str, Decimal | None]] | None:
+def build_push(records: Iterable[Record]) -> dict[str, Any]:
+    """Return what a mission office is given after a flight: what the flight saw and muted, of the same structure.
+
+    What an office took whole, by a push that the records tell of, is left out. `as_of` is the moment of the last record.
+    Raises LookupError where the records do not begin with a manifest, and where one can't be placed.
+    """
+    objects, wall_ns = objects_fold.start(), 0
+    for record in records:
+        objects, wall_ns = objects_fold.apply(objects, record), record.at.wall_ns
+    if not objects.flight_id:
+        raise LookupError("the flight has no manifest: there is nothing to push")
+    seen = [row for row in objects.observations if row.seq > objects.pushed_seq]
+    muted = [row for row in objects.ignored if row.source == "local_appended" and row.seq > objects.pushed_seq]
+    observations = [_observation(row, objects.flight_id.hex()) for row in seen]
+    ignored_items = [_ignored(row, objects) for row in muted]
+    for told in (*observations, *ignored_items):
+        told["mission_id"] = told["mission_id"] or objects.mission_id  # it was seen before the mission was planned
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "mission_id": objects.mission_id,
+        "bbox": _box([*seen, *muted]),
+        "map_objects": [],
+        "observations": observations,
+        "ignored_items": ignored_items,
+        "as_of": timestamp(wall_ns),
+    }
+
+
+def _box(seen: Sequence[ObjectRow | ObservationRow | IgnoredRow]) -> list[dict[str, Decimal | None]] | None:
     """Return the north-western and south-eastern corner of all that was seen; None where nothing was."""
-    seen = [*objects.objects, *objects.observations]
     if not seen:
         return None
     latitudes, longitudes = [row.latitude_e7 for row in seen], [row.longitude_e7 for row in seen]
@@ -140,7 +167,7 @@ def _observation(row: ObservationRow, flight_id: str) -> dict[str, Any]:
     }
 
 
-def _ignored(row: IgnoredRow) -> dict[str, Any]:
+def _ignored(row: IgnoredRow, objects: Objects) -> dict[str, Any]:
     return {
         "id": row.id,
         "poi_id": row.poi_id,
@@ -155,7 +182,7 @@ def _ignored(row: IgnoredRow) -> dict[str, Any]:
         "retention_scope": "mission",
         "expires_at": None,
         "source": row.source,
-        "pending_upload": True,
+        "pending_upload": row.seq > objects.pushed_seq,
         "muted": row.muted,
     }
 

@@ -17,6 +17,7 @@ from events.schema.mission_pb2 import (
     MissionUploaded,
     MissionUploadFailed,
     PostWaypoint,
+    PushReported,
     SelftestReported,
 )
 from events.schema.safety_pb2 import BatteryReported, OverrideBegun, SetVehicleMode
@@ -74,6 +75,15 @@ def _post(one: PostWaypoint) -> str:
     return f"ask the mission office for a waypoint at {_where(one.place)}, finding {one.poi_id}"
 
 
+def pushed(one: PushReported) -> str:
+    """Return what became of a push, in words."""
+    took = f"{one.observations} observations and {one.ignored_items} ignored items are with the mission office"
+    if not one.because:
+        return took
+    again = "this flight keeps them" if one.final else "goes on trying"
+    return f"{took}, {one.left} are not: {one.because}; {one.attempts} posts, {again}"
+
+
 def _uploaded(one: MissionUploaded) -> str:
     return f"vehicle took upload {one.effect_seq}: {one.items} items read back, {one.attempts} attempts"
 
@@ -125,6 +135,8 @@ WORDS: dict[str, Callable[[Any], str]] = {
         if not one.failure
         else f"the mission office did not take waypoint {one.effect_seq}: {one.failure}"
     ),
+    "push_observations": lambda one: f"push what was seen in mission {one.mission_id} to the mission office",
+    "push_reported": lambda one: f"push {one.effect_seq}: {pushed(one)}",
     "upload_mission": lambda one: f"put {len(one.items)} items of mission {one.mission_id} into vehicle {one.vehicle}",
     "mission_uploaded": _uploaded,
     "mission_upload_failed": _upload_failed,

@@ -27,11 +27,12 @@ from events.schema.findings_pb2 import (
     SightingsClassified,
 )
 from events.schema.flight_pb2 import BaselineCarried, FlightOpened
+from events.schema.mission_pb2 import MissionPlanned, PushObservations, PushReported
 from projections.rows import Projection, Table
 from projections.words import NS_PER_S
 
 KEEP_EVERY_NS = NS_PER_S
-NO_MISSION = ""  # missions do not exist yet; seed 004 wants the field
+NO_MISSION = ""  # where none was planned yet
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +113,8 @@ class Objects:
         self.ignored: Table[str, IgnoredRow] = Table(IgnoredRow, "poi_id")
         self.flight_id = b""
         self.node = ""
+        self.mission_id = NO_MISSION
+        self.pushed_seq = -1  # the newest push that the mission office took whole: it has all before this record
         self.frame: FrameObserved | None = None
         self.kept_ns: dict[int, int] = {}  # map object: flight_ns of its newest observation that was kept
 
@@ -176,6 +179,19 @@ def _object_at(number: int, class_name: str, class_group: str, place: Place, con
     )
 
 
+def _planned(objects: Objects, _record: Record, of: MissionPlanned | PushObservations) -> None:
+    objects.mission_id = of.mission_id
+
+
+def _pushed(objects: Objects, _record: Record, report: PushReported) -> None:
+    """Note what needs no upload any more: all that was seen before a push that the office took whole."""
+    if report.because:
+        return
+    objects.pushed_seq = report.effect_seq
+    for row in [row for row in objects.objects if row.pending_upload and 0 <= row.last_seq < report.effect_seq]:
+        objects.objects.put(row.number, replace(row, pending_upload=False))
+
+
 def _ignored_at(poi_id: str, row_id: str, class_group: str, place: Place, principal_id: str) -> IgnoredRow:
     return IgnoredRow(
         poi_id=poi_id,
@@ -230,6 +246,8 @@ def _sight(objects: Objects, record: Record, sighting: Sighting, detection: Dete
         last_seen_ns=now_ns,
         last_seq=record.seq,
         sightings=before.sightings + 1,
+        mission_id=objects.mission_id or before.mission_id,
+        pending_upload=True,
     )
     objects.objects.put(row.number, row)
     if row.muted_by:
@@ -247,7 +265,7 @@ def _observation(
         h3_cell=detection.place.h3_cell,
         class_name=detection.class_name,
         class_group=sighting.class_group,
-        mission_id=NO_MISSION,
+        mission_id=objects.mission_id,
         uav_id=objects.node,
         observed_at_monotonic_ns=record.at.mono_ns,
         observed_at_wall_ns=record.at.wall_ns,
@@ -277,8 +295,8 @@ def _belongs(objects: Objects, record: Record, message: PoiOpened | PoiJoined) -
 def _ignored(objects: Objects, record: Record, ignored: ItemIgnored) -> None:
     row_id = uuid_of(objects.flight_id, record.seq)
     row = _ignored_at(ignored.poi_id, row_id, ignored.class_group, ignored.place, ignored.principal_id)
-    now_ns = record.at.wall_ns
-    objects.ignored.put(row.poi_id, replace(row, seq=record.seq, decline_time_ns=now_ns, source="local_appended"))
+    own = replace(row, seq=record.seq, decline_time_ns=record.at.wall_ns, mission_id=objects.mission_id)
+    objects.ignored.put(row.poi_id, replace(own, source="local_appended"))
 
 
 def _muted(objects: Objects, _record: Record, muted: SightingMuted) -> None:
@@ -298,6 +316,9 @@ def _count_muted(objects: Objects, poi_id: str) -> None:
 _CHANGES: dict[str, Callable[[Objects, Record, Any], None]] = {
     "flight_opened": _opened,
     "baseline_carried": _carried,
+    "mission_planned": _planned,
+    "push_observations": _planned,
+    "push_reported": _pushed,
     "frame_observed": _frame,
     "sightings_classified": _classified,
     "poi_opened": _belongs,
@@ -307,4 +328,4 @@ _CHANGES: dict[str, Callable[[Objects, Record, Any], None]] = {
     "poi_left": _left,
 }
 
-PROJECTION = Projection("objects", 1, start, apply, tables)
+PROJECTION = Projection("objects", 2, start, apply, tables)

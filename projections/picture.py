@@ -149,6 +149,7 @@ class MissionPicture:
     report_id: int | None = None
     findings: tuple[str, ...] = ()  # items of the self-test that did not simply pass
     unavailable: str = ""  # what stands in the way of having one
+    pushed: str = ""  # what became of what the flight saw; empty before a push
 
 
 @dataclass(frozen=True, slots=True)

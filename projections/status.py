@@ -48,7 +48,7 @@ from projections.picture import Status as Status
 from projections.words import NS_PER_MS
 
 NAME = "status"
-VERSION = 2
+VERSION = 3
 FULL_CONFIDENCE_E4 = 10_000
 
 

@@ -17,9 +17,10 @@ from events.schema.mission_pb2 import (
     MissionPlanned,
     MissionProgressReported,
     MissionUnavailable,
+    PushReported,
     SelftestReported,
 )
-from projections.describe_flight import VERDICTS, named
+from projections.describe_flight import VERDICTS, named, pushed
 from projections.picture import MissionPicture, Picture
 
 
@@ -53,6 +54,10 @@ def _unavailable(picture: Picture, _record: Record, report: MissionUnavailable) 
     return _with(picture, unavailable=report.because)
 
 
+def _pushed(picture: Picture, _record: Record, report: PushReported) -> Picture:
+    return _with(picture, pushed=pushed(report))
+
+
 def _progress(picture: Picture, _record: Record, report: MissionProgressReported) -> Picture:
     reached = report.reached_item + 1 if report.HasField("reached_item") else 0
     return _with(picture, next_item=max(reached, report.current_item))
@@ -67,6 +72,7 @@ def _tested(picture: Picture, _record: Record, report: SelftestReported) -> Pict
 CHANGES: dict[str, Callable[[Picture, Record, Any], Picture]] = {
     "mission_planned": _planned,
     "mission_unavailable": _unavailable,
+    "push_reported": _pushed,
     "mission_progress_reported": _progress,
     "selftest_reported": _tested,
 }

@@ -78,6 +78,7 @@ MAY_WRITE: dict[str, tuple[str, ...]] = {
     "upload_mission": ("missions",),
     "arm_vehicle": ("missions",),
     "start_mission": ("missions",),
+    "push_observations": ("missions",),
     "set_vehicle_mode": ("missions", "effects"),
     "fly_to_place": ("effects",),
     "run_selftest": ("selftests",),

@@ -151,6 +151,8 @@ def _mission(status: dict[str, Any]) -> Iterator[str]:
     yield f"mission   {one['state']}: {one['because']}{plan}" if one["because"] else f"mission   {one['state']}"
     if one["unavailable"]:
         yield f"          {one['unavailable']}"
+    if one["pushed"]:
+        yield f"          {one['pushed']}"
     report = "" if one["report_id"] is None else f", report {one['report_id']}"
     yield f"self-test {one['selftest']}{report}"
     for finding in one["findings"]:

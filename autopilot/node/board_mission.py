@@ -28,3 +28,5 @@ def say_mission(said: NodeStatus, picture: Picture) -> None:
         said.mission.report_id = mission.report_id
     if mission.unavailable:
         said.mission.unavailable = mission.unavailable
+    if mission.pushed:
+        said.mission.pushed = mission.pushed

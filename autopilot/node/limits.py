@@ -79,6 +79,7 @@ def _limits(config: Config) -> Limits:
         selftest_acknowledge_ms=_thousandths(mission.acknowledge_s),
         upload_ms=_thousandths(mission.upload_s),
         follow_by_waypoint=mission.follow_by_waypoint,
+        push_ms=_thousandths(mission.push_s) if mission.enabled and mission.url else 0,
         mission_pitch_cdeg=_hundredths(mission.camera_pitch_deg),
         roi_turning=_ROI_TURNING[command.roi_turns_vehicle],
         take_from_others=command.take_from_others,

@@ -48,6 +48,16 @@ class MissionSection(Section):
     )
     retry_first_s: float = Field(1, gt=0, le=600, description="Wait before the second try; doubles each time.")
     retry_longest_s: float = Field(30, gt=0, le=600, description="Longest wait between tries.")
+    push_s: float = Field(
+        120,
+        ge=1,
+        le=3600,
+        description="After a landing what was seen is pushed for at most this long. 5,000 observations and 500 ignored "
+        "items take as long on a poor link; under [flight] close_after_s, so the flight is still open.",
+    )
+    push_bytes: int = Field(
+        524_288, ge=4096, le=1 << 26, description="Longest post of what was seen; more is sent in several: some 700."
+    )
     max_bytes: int = Field(
         1_048_576, ge=1024, le=1 << 26, description="Longest mission in bytes: 500 items and 64 fences fit three times."
     )

@@ -577,6 +577,82 @@ class ArmVehicle(_message.Message):
 Global___ArmVehicle: _TypeAlias = ArmVehicle  # noqa: Y015
 
 @_typing.final
+class PushObservations(_message.Message):
+    """Push what this flight saw, and what operators muted in it, to the mission office (seed 004, the post-flight push)."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    MISSION_ID_FIELD_NUMBER: _builtins.int
+    LIFE_MS_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1."""
+    mission_id: _builtins.str
+    """UUID string of the mission."""
+    life_ms: _builtins.int
+    """For how long it may take, in milliseconds from this record."""
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        mission_id: _builtins.str | None = ...,
+        life_ms: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["life_ms", b"life_ms", "mission_id", b"mission_id", "vehicle", b"vehicle"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["life_ms", b"life_ms", "mission_id", b"mission_id", "vehicle", b"vehicle"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PushObservations: _TypeAlias = PushObservations  # noqa: Y015
+
+@_typing.final
+class PushReported(_message.Message):
+    """What became of a push. What the office did not take stays in this flight's log."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    EFFECT_SEQ_FIELD_NUMBER: _builtins.int
+    OBSERVATIONS_FIELD_NUMBER: _builtins.int
+    IGNORED_ITEMS_FIELD_NUMBER: _builtins.int
+    BECAUSE_FIELD_NUMBER: _builtins.int
+    ATTEMPTS_FIELD_NUMBER: _builtins.int
+    FINAL_FIELD_NUMBER: _builtins.int
+    LEFT_FIELD_NUMBER: _builtins.int
+    effect_seq: _builtins.int
+    """Seq of the effect."""
+    observations: _builtins.int
+    """Observations that the office took."""
+    ignored_items: _builtins.int
+    """Ignored items that the office took."""
+    because: _builtins.str
+    """Empty when it took all; else what stands in the way, in words."""
+    attempts: _builtins.int
+    """Posts that were sent."""
+    final: _builtins.bool
+    """True: it is not tried again. False: it goes on by itself."""
+    left: _builtins.int
+    """Observations and ignored items that the office did not take."""
+    def __init__(
+        self,
+        *,
+        effect_seq: _builtins.int | None = ...,
+        observations: _builtins.int | None = ...,
+        ignored_items: _builtins.int | None = ...,
+        because: _builtins.str | None = ...,
+        attempts: _builtins.int | None = ...,
+        final: _builtins.bool | None = ...,
+        left: _builtins.int | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["attempts", b"attempts", "because", b"because", "effect_seq", b"effect_seq", "final", b"final", "ignored_items", b"ignored_items", "left", b"left", "observations", b"observations"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["attempts", b"attempts", "because", b"because", "effect_seq", b"effect_seq", "final", b"final", "ignored_items", b"ignored_items", "left", b"left", "observations", b"observations"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PushReported: _TypeAlias = PushReported  # noqa: Y015
+
+@_typing.final
 class RunSelftest(_message.Message):
     """Run the self-test."""
 

@@ -1261,6 +1261,7 @@ class MissionStatus(_message.Message):
     REPORT_ID_FIELD_NUMBER: _builtins.int
     FINDINGS_FIELD_NUMBER: _builtins.int
     UNAVAILABLE_FIELD_NUMBER: _builtins.int
+    PUSHED_FIELD_NUMBER: _builtins.int
     state: _builtins.str
     """State of the chart `mission`: "ready", "uploading", "flying", ..."""
     because: _builtins.str
@@ -1279,6 +1280,8 @@ class MissionStatus(_message.Message):
     """Number of its newest report, which an acknowledgement names; absent before one."""
     unavailable: _builtins.str
     """What stands in the way of having a mission, in words; absent where nothing does."""
+    pushed: _builtins.str
+    """What became of what the flight saw, in words; absent before the mission office was asked to take it."""
     @_builtins.property
     def findings(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """Its items that did not simply pass, as "name: verdict, words"."""
@@ -1296,10 +1299,11 @@ class MissionStatus(_message.Message):
         report_id: _builtins.int | None = ...,
         findings: _abc.Iterable[_builtins.str] | None = ...,
         unavailable: _builtins.str | None = ...,
+        pushed: _builtins.str | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "fences", b"fences", "findings", b"findings", "items", b"items", "mission_id", b"mission_id", "next_item", b"next_item", "report_id", b"report_id", "selftest", b"selftest", "state", b"state", "unavailable", b"unavailable"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "fences", b"fences", "findings", b"findings", "items", b"items", "mission_id", b"mission_id", "next_item", b"next_item", "pushed", b"pushed", "report_id", b"report_id", "selftest", b"selftest", "state", b"state", "unavailable", b"unavailable"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "fences", b"fences", "findings", b"findings", "items", b"items", "mission_id", b"mission_id", "next_item", b"next_item", "report_id", b"report_id", "selftest", b"selftest", "state", b"state", "unavailable", b"unavailable"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["because", b"because", "fences", b"fences", "findings", b"findings", "items", b"items", "mission_id", b"mission_id", "next_item", b"next_item", "pushed", b"pushed", "report_id", b"report_id", "selftest", b"selftest", "state", b"state", "unavailable", b"unavailable"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -1,4 +1,4 @@
-"""Chart `mission`: from the link to the vehicle to its landing (seed 004, section 4; mission_executor of its system).
+"""Chart `mission`: from the link to the vehicle to its landing, and to what was seen being pushed (seed 004, section 4).
 
 Theory of operation. A start looks for the vehicle (`linking`), fetches and plans the mission (`checking`), waits for
 the self-test (`selftest`) and, unless configured to begin by itself, for an order of a person (`ready`). The plan is
@@ -19,6 +19,9 @@ air, the vehicle waits at that waypoint (`following`), and goes on behind it whe
 A vehicle that is not heard is asked for nothing; when it is heard again it is asked anew. Nor is one that a failsafe
 brings home or down: then this chart only watches. A plan that changes before the arming is uploaded again first; one
 that changes in the air, as soon as the vehicle flies the mission.
+
+After the landing the mission office, where there is one, is asked to take what the flight saw (`syncing`). The mission is
+done when it has, or when it won't: then what was seen stays in the flight's log. A start asks again.
 
 It must never arm on an order from before a start, nor before the newest plan was read back, never begin with a vehicle
 that is armed already, never start what a self-test has not passed, never command a vehicle that somebody else has
@@ -53,6 +56,7 @@ from statecharts.charts.mission_guards import (
     off,
     outward,
     pilot,
+    pushes,
     started_by_pilot,
     taken,
     tested,
@@ -63,18 +67,18 @@ from statecharts.table import Chart, Row, ignore, move
 STATES = (
     *("idle", "linking", "checking", "selftest", "ready", "uploading", "waiting_for_pilot"),
     *("readying", "arming", "engaging", "starting", "flying", "following"),
-    *("paused", "returning", "aborting", "landed", "done", "aborted"),
+    *("paused", "returning", "aborting", "landed", "syncing", "done", "aborted"),
 )
 TRIGGERS = (
     *("node_started", "linked", "planned", "unavailable", "tested", "begin", "pause", "resume", "abort"),
     *("uploaded", "upload_failed", "accepted", "refused", "reported", "progressed", "failsafe"),
-    *("follow_began", "follow_ended", "time_passed"),
+    *("follow_began", "follow_ended", "pushed", "not_pushed", "time_passed"),
 )
 # What an operator may ask of the mission in each state: the command chart refuses the rest with a reason.
 MAY_BEGIN = ("linking", "checking", "selftest", "ready", "done", "aborted")
 MAY_PAUSE = ("uploading", "readying", "arming", "engaging", "starting", "flying", "following", "returning")
 MAY_RESUME = ("paused",)
-OVER = ("idle", "landed", "done", "aborting", "aborted")
+OVER = ("idle", "landed", "syncing", "done", "aborting", "aborted")
 
 
 _NOT_NOW = {
@@ -96,6 +100,8 @@ _NOT_NOW = {
     "failsafe": "nothing of this mission flies",
     "follow_began": "the vehicle goes its way",
     "follow_ended": "the vehicle goes its way",
+    "pushed": "of a push that is waited for no more",
+    "not_pushed": "of a push that is waited for no more",
     "time_passed": "waits for nothing",
 }
 
@@ -280,7 +286,13 @@ CHART: Chart[Facts] = Chart(
         move("aborting", "time_passed", "aborting", "it does not comply: asked again"),
         ignore("aborting", "linked", "it complied when it was last heard", going_home, band=1),
         move("aborting", "linked", "aborting", "the vehicle is heard again: asked anew", band=2),
-        move("landed", "time_passed", "done", "the flight of the mission is over"),
+        move("landed", "time_passed", "syncing", "over: what was seen goes to the mission office", pushes, band=1),
+        move("landed", "time_passed", "done", "the flight of the mission is over", band=2),
+        move("syncing", "node_started", "syncing", "started again: pushed again"),
+        move("syncing", "pushed", "done", "what was seen is with the mission office"),
+        ignore("syncing", "not_pushed", "it is tried again", goes_on_trying, band=1),
+        move("syncing", "not_pushed", "done", "the mission office did not take it all: the rest stays here", band=2),
+        move("syncing", "time_passed", "done", "no word of the mission office: what was seen stays here"),
         move("done", "begin", "checking", "a person lets it begin again"),
         move("aborted", "begin", "checking", "a person lets it begin again"),
     ),

@@ -23,7 +23,7 @@ class Facts:
     flown_already: bool = False  # this revision was flown, and would begin by itself
     pilot: bool = False  # a pilot arms and starts
     last_try: bool = False  # the present step was begun as often as it may be
-    final: bool = True  # no mission can be had, for good
+    final: bool = True  # it is not tried any more: no mission can be had, or not all was pushed
     armed: bool = False
     mode: int = 0  # FlightMode of the vehicle; 0 where it is none that is known
     flown: bool = False  # the mission was under way in the air in this flight
@@ -32,6 +32,7 @@ class Facts:
     homeward: bool = False  # the item that the vehicle is at brings it home or down
     at_middle: bool = False  # the vehicle has reached the waypoint that was asked for in the middle
     by_waypoint: bool = False  # what is followed gets a waypoint
+    pushes: bool = False  # there is an office that what was seen is pushed to
 
 
 def off(facts: Facts) -> bool:
@@ -60,7 +61,7 @@ def may_begin(facts: Facts) -> bool:
 
 
 def goes_on_trying(facts: Facts) -> bool:
-    """The mission is still being looked for."""
+    """The mission is still being looked for, or what was seen still being pushed."""
     return not facts.final
 
 
@@ -172,3 +173,8 @@ def at_middle(facts: Facts) -> bool:
 def by_waypoint(facts: Facts) -> bool:
     """What is followed gets a waypoint in the mission."""
     return facts.by_waypoint
+
+
+def pushes(facts: Facts) -> bool:
+    """There is a mission office, which what was seen is pushed to."""
+    return facts.pushes

@@ -14,6 +14,8 @@ from events.schema.mission_pb2 import (
     MissionUploaded,
     MissionUploadFailed,
     PostWaypoint,
+    PushObservations,
+    PushReported,
     SetMissionItem,
     StartMission,
     UploadMission,
@@ -38,6 +40,7 @@ from statecharts.state import State
 from statecharts.table import Answer, moved
 
 MAV_ACCEPTED, MAV_IN_PROGRESS = 0, 5
+_OF_THE_OFFICE = ("checking", "syncing")  # states that ask the mission office, not the vehicle
 
 
 def decide(state: State, record: Record) -> tuple[Message, ...]:
@@ -50,7 +53,7 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
         return ()
     if row.target == row.source == "flying":
         return (moved(CHART, str(VEHICLE), row), _post(state))
-    may = row.target == "checking" or _may_command(state)
+    may = row.target in _OF_THE_OFFICE or _may_command(state)
     return (moved(CHART, str(VEHICLE), row), *(_effects(state, row.target, row.because) if may else ()))
 
 
@@ -72,6 +75,8 @@ def _trigger(state: State, record: Record) -> str:
         case MissionUploaded(effect_seq=seq) | MissionUploadFailed(effect_seq=seq):
             own = seq == mission(state).effect_seq
             return {"mission_uploaded": "uploaded"}.get(record.kind.name, "upload_failed") if own else ""
+        case PushReported() as report:
+            return _push(state, report)
         case SetVehicleMode(order=order):
             return "" if order else "failsafe"
     if record.kind.name == "time_passed":
@@ -111,6 +116,12 @@ def _outcome(state: State, outcome: CommandAnswered | CommandUnanswered) -> str:
     return "accepted" if outcome.mav_result == MAV_ACCEPTED else "refused"
 
 
+def _push(state: State, report: PushReported) -> str:
+    if report.effect_seq != mission(state).effect_seq:
+        return ""
+    return "not_pushed" if report.because else "pushed"
+
+
 def _facts(state: State, record: Record) -> Facts:
     limits, now = state.flight.limits, mission(state)
     vehicle = state.vehicles.get(VEHICLE) or Vehicle()
@@ -125,7 +136,7 @@ def _facts(state: State, record: Record) -> Facts:
         flown_already=begins_alone and not now.begun and plan is not None and plan.revision == now.flown_revision,
         pilot=limits.pilot_starts or (plan is not None and plan.fixed_wing),
         last_try=now.tries + 1 >= limits.mission_tries,
-        final=not isinstance(message, MissionUnavailable) or message.final,
+        final=not isinstance(message, MissionUnavailable | PushReported) or message.final,
         armed=vehicle.armed,
         mode=vehicle.flight_mode,
         flown=now.flown,
@@ -134,6 +145,7 @@ def _facts(state: State, record: Record) -> Facts:
         homeward=item is not None and item.command in HOMEWARD,
         at_middle=0 <= now.middle_item < now.next_item,
         by_waypoint=limits.follow_by_waypoint and now.middle_item < 0 and item is not None,
+        pushes=limits.push_ms > 0,
     )
 
 
@@ -166,6 +178,8 @@ def _effects(state: State, target: str, because: str) -> tuple[Message, ...]:
             return (_mode(FLIGHT_MODE_LOITER, because, life_ms),)
         case "aborting":
             return (_mode(FLIGHT_MODE_RETURN, because, life_ms),)
+        case "syncing":
+            return (PushObservations(vehicle=VEHICLE, mission_id=_plan(state).mission_id, life_ms=limits.push_ms),)
     return ()
 
 
@@ -222,7 +236,7 @@ PART = Part(
         {
             *_TRIGGERS,
             *("moved", "vehicle_link_changed", "command_answered", "command_unanswered"),
-            *("mission_uploaded", "mission_upload_failed", "set_vehicle_mode", "time_passed"),
+            *("mission_uploaded", "mission_upload_failed", "push_reported", "set_vehicle_mode", "time_passed"),
         }
     ),
     decide=decide,

@@ -107,7 +107,7 @@ def _apply_move(state: State, record: Record) -> None:
         changes["flown"] = True
     if change.to_state in ("checking", "idle"):
         changes |= {"flown": False, "next_item": 0, "middle_item": -1}
-    if change.to_state == "done" and mission(state).flown:
+    if change.to_state in ("syncing", "done") and mission(state).flown:
         changes |= {"begun": False, "flown_revision": state.plans[VEHICLE].revision}
     if change.to_state == "aborted":
         changes["begun"] = False
@@ -127,7 +127,7 @@ def _note_beginning(state: State, change: Moved) -> None:
 def _wait(state: State, record: Record, change: Moved) -> None:
     if change.to_state in ASKING and not (state.vehicles.get(VEHICLE) or Vehicle()).link:
         state.deadlines.drop((CHART.name, change.instance))  # nothing is asked until the vehicle is heard
-    elif change.to_state in (*ASKING, "landed") or (change.to_state == "paused" and _flies(state)):
+    elif change.to_state in (*ASKING, "landed", "syncing") or (change.to_state == "paused" and _flies(state)):
         _wait_from(state, record.at.flight_ns, change.to_state)
     else:
         state.deadlines.drop((CHART.name, change.instance))
@@ -141,7 +141,8 @@ def _flies(state: State) -> bool:
 
 def _wait_from(state: State, now_ns: int, name: str) -> None:
     limits = state.flight.limits
-    wait_ms = limits.upload_ms + OUTCOME_GRACE_MS if name == "uploading" else limits.mission_step_ms
+    lives_ms = {"uploading": limits.upload_ms, "syncing": limits.push_ms}
+    wait_ms = lives_ms[name] + OUTCOME_GRACE_MS if name in lives_ms else limits.mission_step_ms
     state.deadlines.put((CHART.name, str(VEHICLE)), now_ns + wait_ms * NS_PER_MS)
 
 
@@ -190,6 +191,7 @@ EVOLVE: dict[str, Evolve] = {
     "node_started": _started,
     "arm_vehicle": _ask,
     "start_mission": _ask,
+    "push_observations": _ask,
     "set_vehicle_mode": _ask_mode,
     "post_waypoint": _post,
     "waypoint_posted": _posted,

@@ -17,8 +17,9 @@ from statecharts.state import State
 
 VEHICLE = 1
 _ASKED = ("arm_vehicle", "start_mission")
-_OWN = ("fetch_mission", "run_selftest", "post_waypoint", "upload_mission", "set_mission_item", *_ASKED)
-_OVER = ("done", "aborted")
+_OFFICE = ("fetch_mission", "post_waypoint", "push_observations")
+_OWN = (*_OFFICE, "run_selftest", "upload_mission", "set_mission_item", *_ASKED)
+_OVER = ("syncing", "done", "aborted")
 _TAKEN = ("somebody", "armed already")  # how the reason begins where the vehicle is left to somebody else
 
 
