@@ -75,7 +75,7 @@ def build(records: Iterable[Record], left: Left | None = None) -> dict[str, Any]
 def build_push(records: Iterable[Record]) -> dict[str, Any]:
     """Return what a mission office is given after a flight: what the flight saw and muted, of the same structure.
 
-    What an office took whole, by a push that the records tell of, is left out. `as_of` is the moment of the last record.
+    What an office took whole, by a push in these records, is left out. `as_of` is the moment of the last record.
     Raises LookupError where the records do not begin with a manifest, and where one can't be placed.
     """
     objects, wall_ns = objects_fold.start(), 0

@@ -30,6 +30,8 @@ from events.schema.mission_pb2 import (
     MissionUploadFailed,
     PlannedItem,
     PostWaypoint,
+    PushObservations,
+    PushReported,
     RunSelftest,
     SelftestItem,
     SelftestReported,
@@ -71,7 +73,7 @@ VERDICTS = {
 COMMANDS = {"takeoff": 22, "go": 16, "home": 20, "land": 21, "speed": 178}
 FLYING = (
     *("fetch_mission", "post_waypoint", "upload_mission", "run_selftest", "arm_vehicle", "start_mission"),
-    *("set_mission_item", "set_vehicle_mode", "fly_to_place"),
+    *("set_mission_item", "set_vehicle_mode", "fly_to_place", "push_observations"),
 )
 LIMITS: dict[str, Any] = {
     "mission_enabled": True,
@@ -82,6 +84,7 @@ LIMITS: dict[str, Any] = {
     "mission_step_ms": 10_000,
     "selftest_acknowledge_ms": 120_000,
     "upload_ms": 60_000,
+    "push_ms": 60_000,
     "follow_by_waypoint": True,
 }
 
@@ -143,6 +146,14 @@ def _at(plain: list[str], named: Mapping[str, str]) -> Message:
     return report
 
 
+def _pushed(records: Sequence[Record], plain: list[str], named: Mapping[str, str]) -> Message:
+    seq = int(plain[0]) if plain else newest(records, "push_observations")
+    took = PushReported(effect_seq=seq, observations=3, ignored_items=1, attempts=1, final="again" not in named)
+    if "left" in named or not took.final:
+        took.left, took.because = int(named.get("left", 4)), "the office is shut"
+    return took
+
+
 def _plan(named: Mapping[str, str]) -> Message:
     given = {key: named[key] for key in ("items",) if key in named}
     return planned(named.get("rev", "a"), fixed_wing="wing" in named, **given)
@@ -162,6 +173,7 @@ READERS: dict[str, Reader] = {
     "not-uploaded": lambda records, _, __: MissionUploadFailed(
         effect_seq=newest(records, "upload_mission"), because="refused", attempts=2
     ),
+    "pushed": _pushed,
     "mode": lambda _, plain, named: state(plain[0], armed="disarmed" not in named),
     "armed": lambda *_: state("guided"),
     "disarmed": lambda *_: state(armed=False),
@@ -212,6 +224,8 @@ def words_of(message: Message) -> str:
             return f"go {names[mode]}"
         case FlyToPlace(place=place):
             return f"fly {place.east_mm / 1000:g},{place.north_mm / 1000:g}"
+        case PushObservations(mission_id=mission_id, life_ms=life_ms):
+            return f"push {mission_id} in {life_ms // 1000} s"
         case PostWaypoint(before_item=before, height_mm=height_mm):
             return f"post before {before} at {height_mm / 1000:g} m"
     return ""

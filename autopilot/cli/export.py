@@ -8,6 +8,7 @@ import json
 import os
 import sys
 import tempfile
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from autopilot.node.sealing import CERTIFICATE_FILE
 from autopilot.trust.identity import ROOT_FILE, TOKEN_FILE
 from events import read_record
 from events.store import Reader
-from projections.bundle import build, build_redacted
+from projections.bundle import build, build_push, build_redacted
 from projections.canonical import json_text
 from replay.proof import Papers, prove, prove_consistency
 
@@ -27,6 +28,7 @@ _EXAMPLES = """\
 examples:
   autopilot export bundle flights/000001-1a2b3c4d bundle.json
   autopilot export bundle flights/000001-1a2b3c4d - | python -m json.tool
+  autopilot export observations flights/000001-1a2b3c4d push.json
   autopilot export proof flights/000001-1a2b3c4d --seq 142 proof.json
   autopilot export consistency flights/000001-1a2b3c4d --from 1000 --to 2000 grown.json
   autopilot export redacted flights/000001-1a2b3c4d copy --kind frame_observed --by NAME --because WHY
@@ -37,6 +39,10 @@ exit codes: 0 written, 65 the flight can't be understood or proves nothing, 66 t
 _BUNDLE = """\
 Write the post-flight bundle as JSON: map objects, observations, ignored items, points of interest, audit rows and a
 summary of the flight. The same flight gives the same bytes every time.
+"""
+_OBSERVATIONS = """\
+Write what a flight saw and muted as JSON, as the node posts it to the mission office after a landing: what an office
+took whole already is left out. For a flight whose push failed, to be posted by hand.
 """
 _PROOF = """\
 Write one record with everything that led to it as a proof: `autopilot verify OUT` checks it, offline and without a
@@ -71,6 +77,17 @@ def add(commands: Any) -> None:
     one.add_argument("--json", action="store_true", help="print what was written as one JSON object")
     one.set_defaults(run=run)
     one = own.add_parser(
+        "observations",
+        help="what the mission office has not taken yet, as JSON",
+        description=_OBSERVATIONS,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    one.add_argument("flight", metavar="FLIGHT", help="folder of the flight")
+    one.add_argument("out", metavar="OUT", help="file to write; - for standard output")
+    one.add_argument("--until", type=int, metavar="N", help="number of the last record that counts (default: the last)")
+    one.set_defaults(run=run_observations)
+    one = own.add_parser(
         "proof",
         help="one record and what led to it, for anybody to verify",
         description=_PROOF,
@@ -104,6 +121,11 @@ def run(args: argparse.Namespace) -> int:
         print("autopilot export: --json and OUT - would both use standard output; name a file", file=sys.stderr)
         return USAGE
     return with_flight(args.flight, lambda reader: _bundle(reader, args.out, as_json=args.json))
+
+
+def run_observations(args: argparse.Namespace) -> int:
+    """Write what is to be pushed; return the exit code."""
+    return with_flight(args.flight, lambda reader: _observations(reader, args.out, args.until))
 
 
 def run_proof(args: argparse.Namespace) -> int:
@@ -180,6 +202,20 @@ def _bundle(reader: Reader, out: str, *, as_json: bool) -> int:
         return code
     _tell(out, data, bundle, as_json=as_json)
     return os.EX_OK
+
+
+def _observations(reader: Reader, out: str, until: int | None) -> int:
+    log = reader.stored() if until is None else takewhile(lambda stored: stored.seq <= until, reader.stored())
+    try:
+        push = build_push(map(read_record, log))
+    except LookupError as error:
+        print(f"autopilot export: {error}", file=sys.stderr)
+        return os.EX_DATAERR
+    code = _put(out, json_text(push).encode() + b"\n")
+    if code == os.EX_OK and out != "-":
+        told = f"{len(push['observations'])} observations, {len(push['ignored_items'])} ignored items"
+        print(f"{out}: {told} of mission {push['mission_id'] or 'none'}", file=sys.stderr)
+    return code
 
 
 def _put(out: str, data: bytes) -> int:

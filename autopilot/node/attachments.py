@@ -20,6 +20,11 @@ class Attachments:
         self._folder: Path | None = None
         self._newest: tuple[str, bytes] | None = None
 
+    @property
+    def folder(self) -> Path | None:
+        """The open flight's folder; None before one is open."""
+        return self._folder
+
     def attend(self, folder: Path) -> None:
         """Go on in the folder of a flight that was opened. A disk that fails here fails the log too, which says so."""
         self._folder = folder

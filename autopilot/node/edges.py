@@ -165,7 +165,13 @@ def _missions(
         return None if found is None else Home(*found)
 
     return MissionsAdapter(
-        config.mission, inbox.offer, origin.place_e7, home, attachments.keep, config.eyes.field_of_view_deg
+        config.mission,
+        inbox.offer,
+        origin.place_e7,
+        home,
+        attachments.keep,
+        config.eyes.field_of_view_deg,
+        flight=lambda: attachments.folder,
     )
 
 

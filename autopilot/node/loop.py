@@ -24,6 +24,15 @@ from autopilot.ports.edges import Clock
 from events.kinds import Role, UnknownKind
 from events.records import BodyBroken, Record
 from events.schema import flight_pb2
+from events.schema.mission_pb2 import (
+    MissionPlanned,
+    MissionUnavailable,
+    MissionUploaded,
+    MissionUploadFailed,
+    PushObservations,
+    SelftestReported,
+    WaypointPosted,
+)
 from events.schema.orders_pb2 import AckPublished, SendAck
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered
 from events.store import StoreFailed
@@ -189,6 +198,12 @@ class NodeLoop(threading.Thread):
         match record.message:
             case AckPublished(effect_seq=seq) | CommandUnanswered(effect_seq=seq):
                 self._awaited.discard(seq)
+            case MissionPlanned(effect_seq=seq) | MissionUnavailable(effect_seq=seq, final=True):
+                self._awaited.discard(seq)
+            case MissionUploaded(effect_seq=seq) | MissionUploadFailed(effect_seq=seq):
+                self._awaited.discard(seq)
+            case SelftestReported(effect_seq=seq) | WaypointPosted(effect_seq=seq):
+                self._awaited.discard(seq)
             case CommandAnswered(effect_seq=seq, mav_result=result) if result != _MAV_IN_PROGRESS:
                 self._awaited.discard(seq)
             case message if record.kind.name in _STANDING:
@@ -259,6 +274,11 @@ def _armed(session: Session) -> bool:
 
 
 def _is_awaited(record: Record) -> bool:
-    """Whether a record is an effect with an outcome; an answer that is not the last word has none, and can wait."""
+    """Whether a record is an effect whose outcome the flight waits for.
+
+    An answer that is not the last word has none; a push may take longer than the flight is open, and its outcome is
+    told to no other flight.
+    """
     passing = isinstance(record.message, SendAck) and not record.message.final
+    passing |= isinstance(record.message, PushObservations)
     return record.kind.role is Role.EFFECT and not passing

@@ -7,7 +7,9 @@ serves until SIGTERM; all is bound to loopback.
 |---|---|
 | `GET /missions/ID` | 200 with the mission and its ETag; 304 where If-None-Match has it; 404 |
 | `POST /missions/ID/waypoints` with `{"id", "at", "before"}` | 201, and the mission has another revision |
+| `POST /missions/ID/mapobjects` with a MapObjectsBundle of seed 004 | 201; what it has under an id already it keeps |
 | the same again (Idempotency-Key) | 200, and nothing changed; another body under that key: 422 |
+| `GET /missions/ID/mapobjects` | 200 with the observations and ignored items that it was given |
 
 `before` is the id of the item before which the waypoint goes; without it, it goes last, but for a return. With a token
 everything else is 401. It knows JSON and no more of a mission than its items' ids: judging it is the reader's part.
@@ -31,8 +33,10 @@ from typing import Any
 
 LOOPBACK = "127.0.0.1"
 BODY_BYTES_MAX = 65_536  # of a POST: one waypoint
+BUNDLE_BYTES_MAX = 1_048_576  # of a POST with what was seen
 KEYS_MAX = 1024  # idempotency keys that are remembered
 SLOW_STEP_S = 0.1
+SEEN = ("observations", "ignored_items")  # what a node pushes after a flight
 
 
 @dataclass(slots=True)
@@ -41,6 +45,7 @@ class Faults:
 
     failing: int = 0  # answers 500
     dropping: int = 0  # does what is asked, and says nothing
+    refusing: int = 0  # answers 409
     truncated: int = 0  # sends half a mission and hangs up
     slow_s: float = 0.0  # seconds from request to answer
     other_major: bool = False  # the mission's schema_version becomes 2.0.0
@@ -62,6 +67,7 @@ class _Kept:
     tree: dict[str, Any]
     revision: int = 1
     answered: dict[str, tuple[bytes, dict[str, Any]]] = field(default_factory=dict)
+    seen: dict[str, dict[str, Any]] = field(default_factory=lambda: {name: {} for name in SEEN})  # by list and by id
 
 
 class Office:
@@ -122,8 +128,17 @@ class Office:
             data = json.dumps(tree, indent=2).encode()
             return data, f'"{known.revision}-{hashlib.sha256(data).hexdigest()[:16]}"'
 
-    def post(self, mission_id: str, key: str, body: bytes) -> tuple[int, dict[str, Any]]:
-        """Put a waypoint into the middle of a mission; return status and answer."""
+    def mapobjects(self, mission_id: str) -> dict[str, Any] | None:
+        """Return what was seen in a mission, in the order in which it came; None: there is no such mission."""
+        with self._lock:
+            known = self._missions.get(mission_id.lower())
+            if known is None:
+                return None
+            seen = {name: list(rows.values()) for name, rows in known.seen.items()}
+            return {"mission_id": known.tree["mission_id"], **seen}
+
+    def post(self, mission_id: str, what: str, key: str, body: bytes) -> tuple[int, dict[str, Any]]:
+        """Take a waypoint for the middle of a mission, or what was seen in it; return status and answer."""
         with self._lock:
             known = self._missions.get(mission_id.lower())
             if known is None:
@@ -132,7 +147,7 @@ class Office:
                 before, answer = known.answered[key]
                 same = before == hashlib.sha256(body).digest()
                 return (200, answer) if same else (422, {"error": "this Idempotency-Key came with another body"})
-            status, answer = _inserted(known, body)
+            status, answer = _TAKERS[what](known, body)
             if status == HTTPStatus.CREATED and key:
                 known.answered[key] = hashlib.sha256(body).digest(), answer
                 if len(known.answered) > KEYS_MAX:
@@ -167,6 +182,24 @@ def _inserted(known: _Kept, body: bytes) -> tuple[int, dict[str, Any]]:
     return HTTPStatus.CREATED, {"mission_id": known.tree["mission_id"], "revision": known.revision}
 
 
+def _taken(known: _Kept, body: bytes) -> tuple[int, dict[str, Any]]:
+    """Keep what was seen, each by its id; return status and answer."""
+    try:
+        bundle = json.loads(body)
+        major, mission_id = bundle["schema_version"].partition(".")[0], bundle["mission_id"]
+        rows = {name: {row["id"]: row for row in bundle[name]} for name in SEEN}
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return HTTPStatus.BAD_REQUEST, {"error": "a bundle has schema_version, mission_id, observations, ignored_items"}
+    if major != "1" or mission_id.lower() != known.tree["mission_id"].lower():
+        return HTTPStatus.CONFLICT, {"error": "this is of another schema or another mission"}
+    for name in SEEN:
+        known.seen[name] |= {key: row for key, row in rows[name].items() if key not in known.seen[name]}
+    return HTTPStatus.CREATED, {name: len(rows[name]) for name in SEEN}
+
+
+_TAKERS = {"waypoints": _inserted, "mapobjects": _taken}
+
+
 class _Server(ThreadingHTTPServer):
     """A server that knows its office."""
 
@@ -190,8 +223,13 @@ class _Handler(BaseHTTPRequestHandler):
         return self.server.office
 
     def do_GET(self) -> None:
-        """Hand out a mission."""
+        """Hand out a mission, or what was seen in it."""
         parts = self._begin("GET")
+        if parts is not None and parts[2:] == ["mapobjects"]:
+            seen = self._office.mapobjects(parts[1])
+            none = {"error": "there is no such mission"}
+            self._answer(HTTPStatus.NOT_FOUND if seen is None else HTTPStatus.OK, none if seen is None else seen)
+            return
         found = self._office.get(parts[1]) if parts is not None and len(parts) == 2 else None
         if parts is None:
             return
@@ -205,20 +243,21 @@ class _Handler(BaseHTTPRequestHandler):
         self._send(HTTPStatus.OK, data + b" " * self._office.faults.padding_bytes, etag)
 
     def do_POST(self) -> None:
-        """Take a waypoint."""
+        """Take a waypoint, or what was seen."""
+        longest = BUNDLE_BYTES_MAX if self.path.endswith("/mapobjects") else BODY_BYTES_MAX
         length = self.headers.get("Content-Length", "")
-        if not (length.isascii() and length.isdigit() and int(length) <= BODY_BYTES_MAX):
+        if not (length.isascii() and length.isdigit() and int(length) <= longest):
             self.close_connection = True
-            self._answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "a waypoint is smaller than that"})
+            self._answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "what is posted is smaller than that"})
             return
         body = self.rfile.read(int(length))
         parts = self._begin("POST")
         if parts is None:
             return
-        if len(parts) != 3 or parts[2] != "waypoints":
+        if len(parts) != 3 or parts[2] not in _TAKERS:
             self._answer(HTTPStatus.NOT_FOUND, {"error": "there is nothing like that here"})
             return
-        self._answer(*self._office.post(parts[1], self.headers.get("Idempotency-Key", ""), body))
+        self._answer(*self._office.post(parts[1], parts[2], self.headers.get("Idempotency-Key", ""), body))
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name in http.server
         """Say nothing: `asked` and `answered` count."""
@@ -232,6 +271,9 @@ class _Handler(BaseHTTPRequestHandler):
             return None
         if self._office.faults.spoil("failing"):
             self._answer(HTTPStatus.INTERNAL_SERVER_ERROR, {"error": "the office has a bad day"})
+            return None
+        if method == "POST" and self._office.faults.spoil("refusing"):
+            self._answer(HTTPStatus.CONFLICT, {"error": "the office does not want this"})
             return None
         parts = self.path.strip("/").split("/")
         return parts if parts[0] == "missions" else [""]
@@ -264,6 +306,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--port", type=int, default=0, help="TCP port on loopback; 0 lets the system choose")
     made.add_argument("--token", default="", help="bearer token that every request must carry")
     made.add_argument("--failing", type=int, default=0, metavar="N", help="answer the first N requests with 500")
+    made.add_argument("--refusing", type=int, default=0, metavar="N", help="answer the first N posts with 409")
     made.add_argument("--dropping", type=int, default=0, metavar="N", help="do the first N requests, say nothing")
     made.add_argument("--truncated", type=int, default=0, metavar="N", help="cut the first N answers short")
     made.add_argument("--slow", type=float, default=0, metavar="S", help="wait this long before each answer")
@@ -279,6 +322,7 @@ def main(words: Sequence[str] | None = None) -> None:
     office.faults = Faults(
         failing=arguments.failing,
         dropping=arguments.dropping,
+        refusing=arguments.refusing,
         truncated=arguments.truncated,
         slow_s=arguments.slow,
         other_major=arguments.other_major,

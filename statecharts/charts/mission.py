@@ -1,4 +1,4 @@
-"""Chart `mission`: from the link to the vehicle to its landing, and to what was seen being pushed (seed 004, section 4).
+"""Chart `mission`: from the link to the vehicle to its landing, and to the push of what was seen (seed 004, section 4).
 
 Theory of operation. A start looks for the vehicle (`linking`), fetches and plans the mission (`checking`), waits for
 the self-test (`selftest`) and, unless configured to begin by itself, for an order of a person (`ready`). The plan is
@@ -20,8 +20,8 @@ A vehicle that is not heard is asked for nothing; when it is heard again it is a
 brings home or down: then this chart only watches. A plan that changes before the arming is uploaded again first; one
 that changes in the air, as soon as the vehicle flies the mission.
 
-After the landing the mission office, where there is one, is asked to take what the flight saw (`syncing`). The mission is
-done when it has, or when it won't: then what was seen stays in the flight's log. A start asks again.
+After the landing the mission office, where there is one, is asked to take what the flight saw (`syncing`). The mission
+is done when it has, or when it won't: then what was seen stays in the flight's log. A start asks again.
 
 It must never arm on an order from before a start, nor before the newest plan was read back, never begin with a vehicle
 that is armed already, never start what a self-test has not passed, never command a vehicle that somebody else has

@@ -121,6 +121,7 @@ def test_every_message_with_a_kind_is_in_the_catalogue() -> None:
     pointing = ("point_at_place", "point_at_angles", "release_pointing", "take_gimbal", "give_up_gimbal", "set_zoom")
     flying = ("set_vehicle_mode", "fly_to_place", "arm_vehicle", "start_mission", "set_mission_item", "upload_mission")
     elsewhere = {"send_ack": "mesh", "fetch_mission": "missions", "post_waypoint": "missions"}
+    elsewhere["push_observations"] = "missions"
     elsewhere["run_selftest"] = "selftest"
     check_equal(ports, elsewhere | dict.fromkeys((*pointing, *flying), "vehicle"))
     sync = {kind.name for kind in KINDS if kind.sync}

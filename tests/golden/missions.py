@@ -11,7 +11,7 @@ from typing import Any
 from google.protobuf.message import Message
 
 from events.schema.flight_pb2 import BaselineCarried
-from events.schema.mission_pb2 import MissionUploaded, MissionUploadFailed
+from events.schema.mission_pb2 import MissionUploaded, MissionUploadFailed, PushReported
 from events.schema.state_pb2 import CarriedState
 from tests import flights, flying
 from tests.flights import Flight
@@ -36,6 +36,8 @@ WORDS = {
     "progressed": "at 1",
     "follow_began": "order {} follow p1 roles=camera",
     "follow_ended": "order {} turn roles=camera",
+    "pushed": "own pushed",
+    "not_pushed": "own not-pushed",
 }
 FAILSAFE = "wait 6|flies|battery 20|battery 90|disarmed"
 UP = "uploaded|did 0|armed|mode mission|did 0"
@@ -78,6 +80,10 @@ def _of_own(seq: int, words: str) -> Message:
         return MissionUploaded(effect_seq=seq, items=4, attempts=1)
     if words == "failed":
         return MissionUploadFailed(effect_seq=seq, because="refused", attempts=2)
+    if words == "pushed":
+        return PushReported(effect_seq=seq, observations=1, attempts=1, final=True)
+    if words in ("not-pushed", "no-push"):
+        return PushReported(effect_seq=seq, because="refused", attempts=1, left=1, final=words == "no-push")
     return flights.answered(seq, int(words))
 
 
@@ -116,7 +122,7 @@ def on_the_ground() -> Flight:
 
 def begun() -> Flight:
     """The last steps before it flies, each stopped in every way, by whoever may."""
-    teller = _Teller()
+    teller = _Teller(push_ms=0)
     teller.tell("frame person@5,5|wait 1|order {} confirm p1 roles=camera|planned|report pass")
     teller.ignore("begin", "abort")
     teller.tell(FAILSAFE + "|order {} abort|order {} begin|planned|uploaded|did 0|armed")
@@ -142,7 +148,7 @@ def begun() -> Flight:
 
 def stopped() -> Flight:
     """Each step before it flies, refused for good, aborted with its motors on, and overruled by a failsafe."""
-    teller = _Teller()
+    teller = _Teller(push_ms=0)
     teller.tell("planned|order {} abort|report pass|order {} begin|armed|planned|disarmed|order {} begin")
     teller.tell("order {} abort")
     ways = ("uploaded", "uploaded|mode none|did 0", "uploaded|did 0|armed", "uploaded|did 0|armed|mode mission")
@@ -202,20 +208,24 @@ def landed() -> Flight:
     teller.tell(FAILSAFE + "|planned|uploaded|armed|planned|mode mission|disarmed")
     teller.ignore()
     teller.tell(FAILSAFE + "|wait 11")
+    teller.ignore("node_started", "pushed")
+    teller.tell("start|vehicle up|" + FAILSAFE + "|own pushed")
     teller.ignore("begin")
     teller.tell(FAILSAFE + "|order {} begin|planned|uploaded|order {} abort|order {} begin|planned|uploaded")
     for end in ("mode loiter|disarmed", "mode return|disarmed", "planned|disarmed", "planned|uploaded|disarmed"):
-        teller.tell("mode mission|" + end + "|wait 11|order {} begin|planned rev=b|uploaded")
+        teller.tell("mode mission|" + end + "|wait 11|own no-push|order {} begin|planned rev=b|uploaded")
     teller.tell("mode mission|order {} abort|disarmed|order {} begin|planned|planned|uploaded|mode mission")
     teller.tell("order {} follow p1 roles=camera|posted|planned items=takeoff,go,go,go,home|uploaded|mode mission|at 1")
-    teller.tell("disarmed|wait 11")
+    teller.tell("disarmed|wait 11|wait 66")
     return teller.story.flight
 
 
 def by_itself() -> Flight:
     """A node whose missions begin by themselves, once: in a later flight it knows what was flown."""
     state = CarriedState(flown_revision="a")
-    manifest, *rest = flying.opening(**LIMITS | {"mission_begun_by_order": False, "follow_by_waypoint": False})
+    manifest, *rest = flying.opening(
+        **LIMITS | {"mission_begun_by_order": False, "follow_by_waypoint": False, "push_ms": 0}
+    )
     teller = _Teller(manifest, BaselineCarried(state=state), *rest)
     teller.tell("frame person@5,5|wait 1|order {} confirm p1 roles=camera")
     teller.tell("planned|report pass|order {} begin|planned|" + UP)
@@ -227,7 +237,7 @@ def switched_off() -> Flight:
     """A node that flies no missions hears of them and does nothing."""
     teller = _Teller(mission_enabled=False)
     teller.tell("frame person@5,5|wait 1|order {} confirm p1 roles=camera")
-    teller.ignore("uploaded", "upload_failed", "accepted", "refused")
+    teller.ignore("uploaded", "upload_failed", "accepted", "refused", "pushed", "not_pushed")
     teller.tell("order {} begin|" + FAILSAFE)
     return teller.story.flight
 
@@ -236,7 +246,8 @@ def unheard() -> Flight:
     """A vehicle that is not heard yet is looked for, and a mission may be given up before it is."""
     manifest, origin, started, _, _ = flying.opening(**LIMITS)
     teller = _Teller(manifest, origin, started)
-    teller.ignore("linked", "abort", "uploaded", "upload_failed", "accepted", "refused", "follow_began", "follow_ended")
+    own = ("uploaded", "upload_failed", "accepted", "refused", "pushed", "not_pushed")
+    teller.ignore("linked", "abort", *own, "follow_began", "follow_ended")
     teller.tell("report pass|order {} abort|order {} begin")
     return teller.story.flight
 

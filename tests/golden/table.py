@@ -120,8 +120,8 @@ UNREACHED = {
         *(f"selftest {state} acknowledged" for state in ("idle", "running", "passed", "failed")),
     ),
     "nothing was asked of a vehicle yet": (
-        "mission idle uploaded upload_failed accepted refused",
-        "mission linking uploaded upload_failed accepted refused",
+        "mission idle uploaded upload_failed accepted refused pushed not_pushed",
+        "mission linking uploaded upload_failed accepted refused pushed not_pushed",
     ),
     "a vehicle that is not heard is not commanded, and nothing is followed with it": (
         "mission linking failsafe follow_began follow_ended",
@@ -135,7 +135,7 @@ UNREACHED = {
     ),
     "the only camera with a gimbal follows already": ("mission following follow_began",),
     "the state waits for nothing": (
-        *(f"mission {state} time_passed" for state in STATES if state not in (*ASKING, "landed")),
+        *(f"mission {state} time_passed" for state in STATES if state not in (*ASKING, "landed", "syncing")),
         *(f"selftest {state} time_passed" for state in ("idle", "passed", "failed")),
         "scan following time_passed",
     ),

@@ -138,7 +138,7 @@ def test_another_version_of_a_fold_begins_again(tmp_path: Path, monkeypatch: pyt
     connection.commit()
     connection.close()
     assert len(kept(path, memory(flight))["objects"]) == 3
-    newer = Projection("objects", 2, objects.start, objects.apply, objects.tables)
+    newer = Projection("objects", objects.PROJECTION.version + 1, objects.start, objects.apply, objects.tables)
     changed = tuple(newer if one.name == "objects" else one for one in store.PROJECTIONS)
     monkeypatch.setattr(store, "PROJECTIONS", changed)
     assert len(kept(path, memory(flight))["objects"]) == 2

@@ -1,4 +1,4 @@
-"""Performs the effects of port "missions": fetch and plan the mission, ask the office for a waypoint in its middle.
+"""Performs the effects of port "missions": fetch and plan the mission, ask for a waypoint, push what was seen.
 
 Each effect ends in one outcome that names its seq. What may be better in a while (no connection, 5xx, half an answer)
 is tried again after 1, 2, 4 ... 30 s, and said once for each reason; what will not be (a mission that is refused, 404)
@@ -25,12 +25,21 @@ from google.protobuf.message import Message
 
 from autopilot.adapters.missions.client import Client, Failed
 from autopilot.adapters.missions.messages import Home, PlaceOf, planned
+from autopilot.adapters.missions.pushing import Pusher, Read, read_in_child
 from autopilot.planning import Plan, make_plan, mission_limits, with_middle
 from autopilot.ports.config import MissionSection
 from autopilot.ports.edges import InputClass, Offer
 from autopilot.wire.mission import MissionRefused
 from autopilot.wire.mission_reading import read_mission
-from events.schema.mission_pb2 import FetchMission, MissionPlanned, MissionUnavailable, PostWaypoint, WaypointPosted
+from events.schema.mission_pb2 import (
+    FetchMission,
+    MissionPlanned,
+    MissionUnavailable,
+    PostWaypoint,
+    PushObservations,
+    PushReported,
+    WaypointPosted,
+)
 
 AT_ONCE_MAX: Final = 8  # effects that are performed at the same time; the chart asks for one
 LOOK_AGAIN_S: Final = 1.0  # how often home is looked for
@@ -54,10 +63,16 @@ class MissionsAdapter:
         field_of_view_deg: float,
         *,
         vehicle: int = 1,
+        flight: Callable[[], Path | None] = lambda: None,
+        read: Read = read_in_child,
         client: Client | None = None,
         sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
-        """Take what it needs; nothing starts before an effect. `client` and `sleep` are real ones unless a test's."""
+        """Take what it needs; nothing starts before an effect. `flight` is the folder of the open one.
+
+        `read`, `client` and `sleep` are real ones unless a test's.
+        """
+        self._flight, self._read = flight, read
         self._settings, self._offer, self._place_of = settings, offer, place_of
         self._home, self._keep, self._vehicle = home, keep, vehicle
         self._field_of_view_deg = settings.field_of_view_deg or field_of_view_deg
@@ -85,6 +100,8 @@ class MissionsAdapter:
                 work = self._fetch(seq) if not full else self._no_mission(seq, "too much is asked for at once", 0)
             case PostWaypoint():
                 work = self._post(seq, effect) if not full else self._posted(seq, "too much is asked for at once")
+            case PushObservations():
+                work = self._push(seq, effect, "too much is asked for at once" if full else "")
             case _:
                 return
         task = asyncio.get_running_loop().create_task(work, name=f"missions {seq}")
@@ -198,6 +215,22 @@ class MissionsAdapter:
                 return
             await self._sleep(wait_s)
             wait_s = min(2 * wait_s, self._settings.retry_longest_s)
+
+    async def _push(self, seq: int, effect: PushObservations, refusal: str) -> None:
+        """Push what the open flight saw. The outcome is that flight's: another one's log is told nothing of it."""
+        folder = self._flight()
+
+        async def tell(report: PushReported) -> None:
+            if self._flight() == folder:
+                await self._surely(report)
+
+        if not self._settings.url:
+            refusal = "the mission comes from a file: there is no office to push to"
+        if refusal or folder is None:
+            await tell(PushReported(effect_seq=seq, because=refusal or "no flight is open", final=True))
+            return
+        pusher = Pusher(self._settings, self._client, self._read, self._sleep, tell, lambda: self._flight() == folder)
+        await pusher.push(seq, effect, folder)
 
     async def _posted(self, seq: int, failure: str) -> None:
         await self._surely(WaypointPosted(effect_seq=seq, failure=failure))

@@ -57,11 +57,11 @@ def test_a_flight_is_over_also_where_the_vehicle_falls_silent() -> None:
     check_chart(
         "mission",
         """
-        at_s | observe      | state    | say | why
-        8    | disarmed     | 1 landed | -   | disarmed
-        9    | vehicle down | -        | -   | -
-        10   | start        | -        | -   | -
-        18   | time         | 1 done   | -   | the flight of the mission is over
+        at_s | observe      | state     | say            | why
+        8    | disarmed     | 1 landed  | -              | disarmed
+        9    | vehicle down | -         | -              | -
+        10   | start        | -         | -              | -
+        18   | time         | 1 syncing | push m in 60 s | over: what was seen goes to the mission office
         """,
         story(AIR),
     )

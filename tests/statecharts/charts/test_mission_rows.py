@@ -136,6 +136,18 @@ def test_on_the_way_home() -> None:
         check_row(state, "reported", "returning", "return", **AIRBORNE)
 
 
+def test_how_it_ends() -> None:
+    """With a push where there is an office; done in any case, but for a push that still goes on."""
+    check_row("landed", "time_passed", "syncing", pushes=True)
+    check_row("landed", "time_passed", "done")
+    check_equal(CHART.ask("syncing", "node_started", Facts()).answer, Answer.MOVE)
+    for trigger in ("pushed", "not_pushed", "time_passed"):
+        check_row("syncing", trigger, "done")
+    check_row("syncing", "not_pushed", "syncing", final=False)
+    for trigger in ("reported", "failsafe", "linked", "planned"):
+        check_row("syncing", trigger, "syncing", "mission", **AIRBORNE)
+
+
 def test_exactly_one_row() -> None:
     """Whatever the guards say."""
     check_exactly_one_row(CHART)
