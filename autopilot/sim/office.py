@@ -34,6 +34,7 @@ from typing import Any
 LOOPBACK = "127.0.0.1"
 BODY_BYTES_MAX = 65_536  # of a POST: one waypoint
 BUNDLE_BYTES_MAX = 1_048_576  # of a POST with what was seen
+DRAINED_BYTES_MAX = 1 << 24  # of a POST that is too long
 KEYS_MAX = 1024  # idempotency keys that are remembered
 SLOW_STEP_S = 0.1
 SEEN = ("observations", "ignored_items")  # what a node pushes after a flight
@@ -248,6 +249,8 @@ class _Handler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdigit() and int(length) <= longest):
             self.close_connection = True
+            if length.isascii() and length.isdigit():  # what is still on its way would drown the answer
+                self.rfile.read(min(int(length), DRAINED_BYTES_MAX))
             self._answer(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, {"error": "what is posted is smaller than that"})
             return
         body = self.rfile.read(int(length))

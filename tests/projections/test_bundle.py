@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 
+from events.records import make_record
 from events.schema.flight_pb2 import BaselineCarried, TimePassed
+from events.schema.mission_pb2 import MissionPlanned, PushObservations, PushReported
 from events.store import MemoryStore
-from projections.bundle import build
+from projections.bundle import build, build_push
 from projections.canonical import json_text
 from statecharts import carry_over
 from tests.flights import FLIGHT_ID, SECRET, Flight, detection, frame, opened_well, read_back, story
@@ -119,3 +121,57 @@ def test_a_log_without_a_manifest_gives_none() -> None:
     """There is nothing to say whose it is."""
     with pytest.raises(LookupError, match="no manifest"):
         build(Flight(TimePassed()).records)
+
+
+def push_of(flight: Flight) -> dict[str, Any]:
+    """Return what would be pushed now, as the office reads it."""
+    read: dict[str, Any] = json.loads(json_text(build_push(flight.records)), parse_float=Decimal)
+    return read
+
+
+def test_a_push_is_what_this_flight_saw() -> None:
+    """The seed's fields, nothing that a flight before handed over, the mission also where it was not planned yet."""
+    before = story()
+    flight = Flight()
+    flight.tell(BaselineCarried(state=carry_over(before.state, before.now_ns)))
+    assert push_of(flight) == push_of(Flight()) | {"as_of": push_of(flight)["as_of"]}
+    assert (push_of(flight)["bbox"], push_of(flight)["observations"]) == (None, [])
+    flight.tell(frame(1, detection(40_000, 10_000)))
+    flight.tell(MissionPlanned(vehicle=1, mission_id="m"))
+    flight.tell(frame(2, detection(70_000, -20_000)), 2_000)
+    push = push_of(flight)
+    check_fields(push["observations"], OBSERVATION, 2)
+    assert [row["mission_id"] for row in (push, *push["observations"])] == ["m"] * 3
+    assert [row["mission_id"] for row in bundle_of(flight)["observations"]] == ["", "m"]
+    assert (bundle_of(flight)["mission_id"], push["map_objects"]) == ("m", [])
+    assert [corner["latitude"] * 10**7 for corner in push["bbox"]] == [
+        detection(0, north).place.latitude_e7 for north in (10_000, -20_000)
+    ]
+    assert push["as_of"] == bundle_of(flight)["as_of"]
+
+
+def test_what_an_office_took_is_not_pushed_again() -> None:
+    """Up to the push that it took whole; what came later is, and so is all of a push that it did not take whole."""
+    flight = story()
+    whole = push_of(flight)
+    check_fields(whole["ignored_items"], IGNORED_ITEM, 1)
+    assert (len(whole["observations"]), whole["ignored_items"][0]["pending_upload"]) == (3, True)
+    seq = flight.state.next_seq.value
+    flight.tell(PushReported(effect_seq=seq, observations=2, left=2, because="shut", final=True))
+    assert push_of(flight) | {"as_of": ""} == whole | {"as_of": ""}
+    assert {row["pending_upload"] for row in bundle_of(flight)["map_objects"]} == {True}
+    flight.tell(PushReported(effect_seq=seq, observations=3, ignored_items=1, final=True))
+    assert [push_of(flight)[name] for name in ("observations", "ignored_items", "bbox")] == [[], [], None]
+    bundle = bundle_of(flight)
+    assert {row["pending_upload"] for row in (*bundle["map_objects"], *bundle["ignored_items"])} == {False}
+    flight.tell(frame(20, detection(40_000, 10_000)), 2_000)
+    assert len(push_of(flight)["observations"]) == 1
+    assert [row["pending_upload"] for row in bundle_of(flight)["map_objects"]] == [True, False]
+
+
+def test_the_mission_of_a_push_is_that_of_its_effect() -> None:
+    """Where the flight took its mission over from the one before, no plan is in its log."""
+    flight = story()
+    last = flight.records[-1]
+    effect = make_record(last.seq + 1, last.seq, last.at, PushObservations(vehicle=1, mission_id="n", life_ms=1))
+    assert build_push([*flight.records, effect])["mission_id"] == "n"

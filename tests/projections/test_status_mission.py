@@ -67,6 +67,22 @@ def test_on_the_wire() -> None:
     check_equal((said.mission.HasField("mission_id"), said.mission.unavailable), (False, "gone"))
 
 
+def test_what_became_of_a_push() -> None:
+    """On the screen and on the wire, from its first word on."""
+    said = NodeStatus()
+    say_mission(said, shown("planned").picture)
+    check_equal(said.mission.HasField("pushed"), False)
+    kept = "3 observations and 1 ignored items are with the mission office"
+    for told, words in (
+        ("pushed left=2 again=", f"{kept}, 2 are not: the office is shut; 1 posts, goes on trying"),
+        ("pushed left=2", f"{kept}, 2 are not: the office is shut; 1 posts, this flight keeps them"),
+        ("pushed", kept),
+    ):
+        folded = shown("planned", told)
+        say_mission(said, folded.picture)
+        check_equal((said.mission.pushed, lines(folded)[1]), (words, f"          {words}"))
+
+
 def test_a_node_that_flies_none_says_nothing() -> None:
     """Neither on the screen nor on the wire."""
     folded, said = shown("planned", "at 1", mission_enabled=False), NodeStatus()

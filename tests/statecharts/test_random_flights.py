@@ -64,6 +64,7 @@ MISSIONS = st.one_of(
     st.sampled_from(["did 0", "did 0", "did 0", "did 4", "did 5", "did-not", "posted", "posted refused"]),
     st.sampled_from(["disarmed", "armed", "mode guided", "mode mission", "mode mission", "mode loiter", "mode return"]),
     st.builds("at {} reached={}".format, st.integers(0, 4), st.integers(0, 4)),
+    st.sampled_from(["pushed", "pushed left=2", "pushed left=2 again=", "pushed 7"]),
 )
 ASKED = st.builds(
     "order {} {}{}".format,
@@ -155,6 +156,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
     {"mission_enabled": False},
     {"mission_enabled": False, "flight_enabled": False},
     {"follow_by_waypoint": False, "mission_tries": 1},
+    {"push_ms": 0},
 )
 
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from google.protobuf.message import Message
 
 from autopilot.adapters.missions import Home, MissionsAdapter
+from autopilot.adapters.missions.client import Failed
+from autopilot.adapters.missions.pushing import Bundle
 from autopilot.geo import Origin
 from autopilot.ports.config import MissionSection
 from autopilot.ports.edges import InputClass
 from autopilot.sim.office import Office
-from events.schema.mission_pb2 import MissionPlanned, MissionUnavailable, WaypointPosted
+from events.schema.mission_pb2 import MissionPlanned, MissionUnavailable, PushReported, WaypointPosted
 from tests.autopilot.planning.missions import AROUND, HOME, MISSION_ID, fence, region, tree, waypoint
 
 HOME_M = 440.0
@@ -34,11 +37,21 @@ class Bench:
         self.kept: dict[str, bytes] = {}
         self.waits_s: list[float] = []
         self.kept_badly: OSError | None = None
+        self.folder: Path | None = Path("flights/000001-1a2b3c4d")  # of the open flight
+        self.seen: Bundle | Failed = Failed("nothing", again=False)  # what it saw
         self._home_after, self._room_after = home_after, room_after
         origin = Origin()
         origin.set(*HOME, HOME_M)
         self.adapter = MissionsAdapter(
-            settings, self._offer, origin.place_e7, self._home, self._keep, 60.0, sleep=self._sleep
+            settings,
+            self._offer,
+            origin.place_e7,
+            self._home,
+            self._keep,
+            60.0,
+            flight=lambda: self.folder,
+            read=self._read,
+            sleep=self._sleep,
         )
 
     def _offer(self, input_class: InputClass, observation: Message) -> bool:
@@ -57,6 +70,9 @@ class Bench:
         if self.kept_badly is not None:
             raise self.kept_badly
         self.kept[name] = data
+
+    async def _read(self, _folder: Path, _seq: int) -> Bundle | Failed:
+        return self.seen
 
     async def _sleep(self, seconds: float) -> None:
         self.waits_s.append(seconds)
@@ -93,6 +109,10 @@ def said(offered: list[Message]) -> list[str]:
                 short.append(f"{message.effect_seq} none after {message.attempts}{', final' if message.final else ''}")
             case WaypointPosted():
                 short.append(f"{message.effect_seq} posted{': ' + message.failure if message.failure else ''}")
+            case PushReported():
+                took = f"{message.observations}+{message.ignored_items} pushed, {message.left} left"
+                end = "" if message.final else ", goes on"
+                short.append(f"{message.effect_seq} {took} after {message.attempts}{end}")
     return short
 
 

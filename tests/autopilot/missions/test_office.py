@@ -89,6 +89,44 @@ def test_the_same_question_twice_is_done_once(office: Office) -> None:
     assert ids(office) == ["0", "5", "1", "2"]
 
 
+def push(office: Office, key: str, *numbers: int, **other: Any) -> tuple[int, Any]:
+    """Push observations with these ids, and one ignored item; return status and answer."""
+    rows = [{"id": uid(number), "class": "person"} for number in numbers]
+    bundle = {"schema_version": "1.0.0", "mission_id": MISSION_ID, "observations": rows, "ignored_items": [{"id": "i"}]}
+    data = json.dumps(bundle | other).encode()
+    status, said, _ = ask(office, "POST", PATH + "/mapobjects", data, Idempotency_Key=key)
+    return status, json.loads(said)
+
+
+def test_what_was_seen_is_kept_by_its_id(office: Office) -> None:
+    """In the order in which it came, each once; under the same key nothing is done twice, and no other body taken."""
+    assert push(office, "a", 2, 1) == (201, {"observations": 2, "ignored_items": 1})
+    assert push(office, "a", 2, 1)[0] == 200
+    assert push(office, "a", 3)[0] == 422
+    assert push(office, "b", 1, 4, ignored_items=[])[0] == 201
+    status, data, _ = ask(office, "GET", PATH + "/mapobjects")
+    assert (status, json.loads(data)) == (200, office.mapobjects(MISSION_ID.upper()))
+    kept = json.loads(data)
+    assert [row["id"] for row in kept["observations"]] == [uid(2), uid(1), uid(4)]
+    assert (kept["mission_id"], kept["ignored_items"]) == (MISSION_ID, [{"id": "i"}])
+    assert office.mission(MISSION_ID)["items"][0]["id"] == uid(0)
+
+
+def test_what_is_no_bundle_is_refused(office: Office) -> None:
+    """Of another MAJOR, another mission, without ids, too long, of a mission that is not there."""
+    assert push(office, "", 1, schema_version="2.0.0")[0] == 409
+    assert push(office, "", 1, mission_id=uid(9))[0] == 409
+    for other in ({"observations": [{}]}, {"ignored_items": 3}, {"observations": ["x"]}, {"schema_version": 1}):
+        assert push(office, "", 1, **other)[0] == 400
+    assert ask(office, "POST", PATH + "/mapobjects", b"[")[0] == 400
+    assert ask(office, "POST", PATH + "/mapobjects", b" " * 1_048_577)[0] == 413
+    assert ask(office, "POST", "/missions/" + uid(9) + "/mapobjects", b"{}")[0] == 404
+    assert ask(office, "GET", "/missions/" + uid(9) + "/mapobjects")[0] == 404
+    office.faults.refusing = 1
+    assert [push(office, "", 1)[0] for _ in range(2)] == [409, 201]
+    assert len(json.loads(ask(office, "GET", PATH + "/mapobjects")[1])["observations"]) == 1
+
+
 def test_faults(office: Office) -> None:
     """Each is as often as it was asked for."""
     office.faults.failing = 1
@@ -137,5 +175,7 @@ def test_its_help_names_every_fault() -> None:
     """Nothing can be switched that is not said."""
     text = parser().format_help()
     assert [
-        flag for flag in ("--failing", "--dropping", "--truncated", "--slow", "--other-major") if flag not in text
+        flag
+        for flag in ("--failing", "--dropping", "--refusing", "--truncated", "--slow", "--other-major")
+        if flag not in text
     ] == []

@@ -13,9 +13,11 @@ from events.schema.flight_pb2 import (
     CLOSE_STOPPED,
     FlightOpened,
 )
+from events.schema.mission_pb2 import MissionUnavailable, MissionUploaded
 from events.store import flights_in, read_flight
+from tests import flying
 from tests.autopilot.node.histories import Begin, check_hands_over, check_history, fly
-from tests.autopilot.node.nodes import heard_vehicle, of_kind, vehicle_state
+from tests.autopilot.node.nodes import Node, config, heard_vehicle, of_kind, vehicle_state
 from tests.flights import answered, place, point_at_place, published
 
 
@@ -168,3 +170,56 @@ def test_a_manifest_names_the_origin_of_the_flight_before(begin: Begin) -> None:
     assert next(of_kind(node.log(1), "baseline_carried")).state.origin == place(0, 0)
     assert node.session.state.origin.value is not None
     assert isinstance(node.log(1)[0].message, FlightOpened)
+
+
+MISSION_ID = "e351ec67-92ba-5bb1-a735-accbcdcf5a66"
+OFFICE: dict[str, object] = {"enabled": True, "url": "http://127.0.0.1:9", "mission_id": MISSION_ID}
+
+VEHICLE = {"listen": "127.0.0.1:0"}
+
+
+def fly_mission(node: Node) -> None:
+    """Let a pilot fly a mission that begins by itself; land, and wait until what was seen is to be pushed."""
+
+    def asked() -> int:
+        return node.performed[-1].seq
+
+    node.tell(*heard_vehicle(armed=False))
+    node.tell(MissionUnavailable(effect_seq=asked(), because="shut", attempts=1))
+    plan = flying.planned()
+    plan.effect_seq = asked()
+    node.tell(plan)
+    node.tell(flying.reported(node.heard, "pass"))
+    node.tell(MissionUploaded(effect_seq=asked(), items=len(plan.items), attempts=1))
+    node.tell(flying.state("mission"), after_ms=1000)
+    node.tell(answered(asked()))  # the camera is turned down
+    node.tell(flying.state(armed=False), after_ms=1000)
+    node.turn(after_ms=15_000)
+    assert node.performed[-1].kind.name == "push_observations"
+
+
+def test_a_mission_keeps_no_flight_open(begin: Begin, tmp_path: Path) -> None:
+    """What it asked for has come, and a push is not waited for; that it was flown is handed over all the same."""
+    alone = OFFICE | {"begin": "alone", "start": "pilot", "push_s": 600}
+    node = begin(settings=config(vehicle=VEHICLE, mission=alone)).start()
+    fly_mission(node)
+    node.turn(after_ms=164_000)
+    check_history(tmp_path, (1, ""))
+    node.turn(after_ms=1_000)
+    check_history(tmp_path, (1, "CLOSE_DISARMED"), (1, ""))
+    assert next(of_kind(node.log(1), "baseline_carried")).state.flown_revision == "a"
+
+
+def test_a_plan_that_is_still_looked_for_keeps_it_open(begin: Begin, tmp_path: Path) -> None:
+    """Its outcome names a seq of this flight; that no mission can be had for now is none, for good it is one."""
+    node = begin(settings=config(vehicle=VEHICLE, mission=OFFICE)).start()
+    node.tell(*heard_vehicle())
+    effect = node.performed[-1]
+    assert effect.kind.name == "fetch_mission"
+    node.tell(MissionUnavailable(effect_seq=effect.seq, because="shut", attempts=1))
+    node.tell(vehicle_state(armed=False), after_ms=1000)
+    node.turn(after_ms=181_000)
+    check_history(tmp_path, (1, ""))
+    node.tell(MissionUnavailable(effect_seq=effect.seq, because="shut", attempts=8, final=True))
+    node.turn(after_ms=200)
+    check_history(tmp_path, (1, "CLOSE_DISARMED"), (1, ""))
