@@ -192,6 +192,11 @@ class Mission:
         self.truth(lambda one: not one["armed"], "the landing", 2 * WITHIN_S)
         self.status(lambda one: not one.armed, "the landing to be heard of")
 
+    def pushed(self) -> tuple[int, int]:
+        """Wait until the mission is done; return how many observations and ignored items the office has."""
+        self.status(lambda one: one.mission.state == "done", "the push")
+        return self.stage.with_the_office()
+
     def wait_record(
         self, until: Callable[[Record], bool], what: str, since: int = 0, within_s: float = WITHIN_S
     ) -> Record:

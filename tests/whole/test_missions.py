@@ -10,12 +10,15 @@ import shapely
 
 from events import Record
 from events.schema.common_pb2 import Moved
+from events.schema.mission_pb2 import PushReported
+from projections.bundle import build_push
 from tests.whole.flights import REGION_M, WIDE, Mission, Track, corners
 
 pytestmark = pytest.mark.whole
 
-BY_NODE = ["uploading", "readying", "arming", "engaging", "starting", "flying", "returning", "landed"]
-BY_PILOT = ["uploading", "waiting_for_pilot", "flying", "returning", "landed"]
+OVER = ["landed", "syncing", "done"]
+BY_NODE = ["uploading", "readying", "arming", "engaging", "starting", "flying", "returning", *OVER]
+BY_PILOT = ["uploading", "waiting_for_pilot", "flying", "returning", *OVER]
 # At 30 m with 60 degrees; lanes may be 20 % nearer than what the camera shows: [mission] side_overlap.
 STRIP_M = 34.64
 SIDE_OVERLAP = 0.2
@@ -31,7 +34,10 @@ def test_a_copter(tmp_path: Path, personality: Literal["ardupilot", "px4"]) -> N
         flight.truth(track.note, "the landing")
         flight.landed()
         seen = flight.door.ask(coverage=corners(REGION_M))["coverage"]
-        check_course(flight.ended(), BY_NODE)
+        pushed = flight.pushed()
+        records = flight.ended()
+        check_course(records, BY_NODE)
+        check_pushed(records, pushed)
     assert seen >= 0.98
     assert overlapped(track) >= 0.98
 
@@ -51,8 +57,10 @@ def test_a_plane_with_a_pilot(tmp_path: Path) -> None:
         flight.status(lambda one: one.mission.state == "returning", "the return")
         flight.door.ask(disarm=True)  # the pilot has landed it
         flight.landed()
+        pushed = flight.pushed()
         records = flight.ended()
         check_course(records, BY_PILOT)
+        check_pushed(records, pushed)
     kinds = {record.kind.name for record in records}
     assert kinds.isdisjoint({"arm_vehicle", "start_mission", "set_vehicle_mode"})
 
@@ -66,6 +74,21 @@ def check_course(records: list[Record], states: list[str]) -> None:
     kinds = [one.kind.name for one in records]
     assert kinds.count("mission_uploaded") == kinds.count("upload_mission") == 1
     assert kinds.index("fetch_mission") < kinds.index("mission_planned") < kinds.index("upload_mission")
+
+
+def check_pushed(records: list[Record], pushed: tuple[int, int]) -> None:
+    """Check that the office has every sighting that the log would give away, and that the log says so."""
+    (report,) = [one.message for one in records if isinstance(one.message, PushReported)]
+    landed = [one for one in records if one.seq <= report.effect_seq]
+    wanted = build_push(landed)
+    assert (len(wanted["observations"]), len(wanted["ignored_items"])) == pushed
+    assert (report.observations, report.ignored_items, report.left, report.because, report.final) == (
+        *pushed,
+        0,
+        "",
+        True,
+    )
+    assert pushed[0] > 0
 
 
 def overlapped(track: Track) -> float:

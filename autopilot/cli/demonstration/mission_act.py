@@ -1,4 +1,4 @@
-"""The demo's second act: a mission is fetched, planned, tested for, uploaded, flown, returned and landed.
+"""The demo's second act: a mission is fetched, planned, tested for, uploaded, flown, landed, and what it saw pushed.
 
 A supervisor lets it begin; the node does the rest. As in the first act, what is told is what the node says of itself,
 and an expectation that does not come true raises `Surprise`.
@@ -19,6 +19,7 @@ from events.schema.waypoint_pb2 import DeviceCommand, NodeStatus
 ORDER_LIFE_S = 15.0
 PLANNED_WITHIN_S = 40.0
 FLOWN_WITHIN_S = 240.0
+PUSHED_WITHIN_S = 60.0
 
 Say = Callable[[str], None]
 
@@ -30,11 +31,12 @@ class MissionAct:
         self.stage, self.supervisor, self.operator, self.say = stage, supervisor, operator, say
 
     def tell(self) -> None:
-        """Play all scenes up to the landing."""
+        """Play all scenes up to the landing and the push after it."""
         self._planned()
         self._tested()
         self._begun()
         self._flown()
+        self._pushed()
 
     def _planned(self) -> None:
         status = self._wait(lambda one: bool(one.mission.mission_id), "the mission", PLANNED_WITHIN_S)
@@ -75,13 +77,21 @@ class MissionAct:
                 self.say(f"  at item {one.next_item + 1} of {one.items}")
                 continue
             break
-        if one.state not in ("returning", "landed", "done"):
+        if one.state not in ("returning", "landed", "syncing", "done"):
             raise Surprise(f"the mission is {one.state}: {one.because}")
         self.say(f"The mission is over: {one.because}.")
         self._wait(lambda status: not status.armed, "the landing", FLOWN_WITHIN_S)
-        self._wait(lambda status: status.mission.state in ("landed", "done"), "the mission's end", 20)
+        self._wait(lambda status: status.mission.state in ("landed", "syncing", "done"), "the mission's end", 20)
         seen = self.stage.seen_percent()
         self.say(f"Landed and disarmed. Of the region that was to be searched the camera has truly seen {seen:.1f} %.")
+
+    def _pushed(self) -> None:
+        one = self._wait(lambda status: status.mission.state == "done", "the push", PUSHED_WITHIN_S).mission
+        observations, ignored_items = self.stage.with_the_office()
+        kept = f"{observations} observations and {ignored_items} ignored items are with the mission office"
+        if one.pushed != kept:
+            raise Surprise(f"{kept}, but the node says: {one.pushed or one.because}")
+        self.say(f"What was seen is pushed: {kept}. The mission is done.")
 
     def _order(self, issuer: Issuer, command: DeviceCommand, result: str) -> None:
         answer = issuer.wait(issuer.send(NODE, command, ORDER_LIFE_S))

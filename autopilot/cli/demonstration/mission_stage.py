@@ -5,6 +5,7 @@ The mission lies around the simulated home: a waypoint, a region to search with 
 
 from __future__ import annotations
 
+import http.client
 import json
 import socket
 import sys
@@ -79,6 +80,16 @@ class MissionStage(Stage):
         """Return how much of the region the camera has truly seen, in percent. Raises OSError."""
         corners = [[corner["latitude"], corner["longitude"]] for corner in (_at(*one) for one in REGION_M)]
         return 100 * float(self.ask_world({"coverage": corners})["coverage"])
+
+    def with_the_office(self) -> tuple[int, int]:
+        """Return how many observations and ignored items the mission office has. Raises OSError."""
+        office = http.client.HTTPConnection("127.0.0.1", self.ports.office, timeout=10)
+        try:
+            office.request("GET", f"/missions/{MISSION}/mapobjects")
+            kept: dict[str, Any] = json.loads(office.getresponse().read())
+        finally:
+            office.close()
+        return len(kept["observations"]), len(kept["ignored_items"])
 
     @property
     def processes(self) -> tuple[Process, ...]:
