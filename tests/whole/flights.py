@@ -194,7 +194,7 @@ class Mission:
 
     def pushed(self) -> tuple[int, int]:
         """Wait until the mission is done; return how many observations and ignored items the office has."""
-        self.status(lambda one: one.mission.state == "done", "the push")
+        self.status(lambda one: one.mission.state == "done", "the push", 2 * WITHIN_S)
         return self.stage.with_the_office()
 
     def wait_record(

@@ -33,7 +33,7 @@ Tell = Callable[[PushReported], Awaitable[None]]
 
 LISTS: Final = ("observations", "ignored_items")
 WORDS_MAX: Final = 300  # characters of what a child says on standard error
-_NICEST: Final = 19  # the child has all the time; the node has not
+_NICE: Final = 5  # below the node and its eyes; but a push has an end
 _NAMESPACE: Final = uuid.UUID("6f0c1f9e-83a4-4a0e-9a55-0c3b6c7d2e14")
 
 
@@ -169,7 +169,7 @@ async def read_in_child(folder: Path, seq: int) -> Bundle | Failed:
         return Failed(f"what was seen can't be read: {error.strerror or error}", again=False)
     try:
         with suppress(ProcessLookupError):
-            os.setpriority(os.PRIO_PROCESS, child.pid, _NICEST)
+            os.setpriority(os.PRIO_PROCESS, child.pid, _NICE)
         printed, said = await child.communicate()
     finally:
         if child.returncode is None:

@@ -19,7 +19,7 @@ from events.schema.waypoint_pb2 import DeviceCommand, NodeStatus
 ORDER_LIFE_S = 15.0
 PLANNED_WITHIN_S = 40.0
 FLOWN_WITHIN_S = 240.0
-PUSHED_WITHIN_S = 60.0
+PUSHED_WITHIN_S = 120.0
 
 Say = Callable[[str], None]
 

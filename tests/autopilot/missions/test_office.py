@@ -116,8 +116,9 @@ def test_what_is_no_bundle_is_refused(office: Office) -> None:
     """Of another MAJOR, another mission, without ids, too long, of a mission that is not there."""
     assert push(office, "", 1, schema_version="2.0.0")[0] == 409
     assert push(office, "", 1, mission_id=uid(9))[0] == 409
-    for other in ({"observations": [{}]}, {"ignored_items": 3}, {"observations": ["x"]}, {"schema_version": 1}):
-        assert push(office, "", 1, **other)[0] == 400
+    wrong: dict[str, Any]
+    for wrong in ({"observations": [{}]}, {"ignored_items": 3}, {"observations": ["x"]}, {"schema_version": 1}):
+        assert push(office, "", 1, **wrong)[0] == 400
     assert ask(office, "POST", PATH + "/mapobjects", b"[")[0] == 400
     assert ask(office, "POST", PATH + "/mapobjects", b" " * 1_048_577)[0] == 413
     assert ask(office, "POST", "/missions/" + uid(9) + "/mapobjects", b"{}")[0] == 404

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from autopilot.adapters.missions import pushing
 from autopilot.adapters.missions.client import Failed
 from autopilot.adapters.missions.pushing import LISTS, Bundle, Part, parts_of, read_in_child
 from autopilot.ports.config import MissionSection
@@ -90,7 +90,7 @@ def test_what_may_be_better_later_is_tried_again(office: Office, fault: str) -> 
     check_office(office, bundle)
 
 
-def test_an_office_that_is_out_of_reach_gets_no_more(office: Office) -> None:
+def test_an_office_that_is_out_of_reach_gets_no_more(office: Office, monkeypatch: pytest.MonkeyPatch) -> None:
     """As often as may be tried; what it took before it took."""
     bundle = seen(60, 5)
     bench = bench_of(at(office, push_bytes=20_000), bundle)
@@ -102,7 +102,7 @@ def test_an_office_that_is_out_of_reach_gets_no_more(office: Office) -> None:
             office.faults.failing = 99
         return posted(*words)
 
-    office.post = third_fails  # type: ignore[method-assign]
+    monkeypatch.setattr(office, "post", third_fails)
     took = sum(part.observations for part in parts[:2])
     assert said(bench.run(PUSH)) == [
         f"1 {took}+0 pushed, {65 - took} left after 3, goes on",
@@ -259,7 +259,7 @@ def test_it_is_read_by_a_child(tmp_path: Path) -> None:
 
 def test_a_child_that_is_not_to_be_had(office: Office, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """It ends the push with words, and nothing is sent."""
-    monkeypatch.setattr(pushing.sys, "executable", str(tmp_path / "none"))
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "none"))
     bench = Bench(at(office))
     bench.adapter._read = read_in_child
     bench.run(PUSH)

@@ -20,9 +20,9 @@ def test_what_is_kept_goes_on(tmp_path: Path) -> None:
     first.mkdir()
     second.mkdir()
     attachments = Attachments()
-    assert attachments.folder is None
+    before = attachments.folder
     attachments.attend(first)
-    assert attachments.folder == first
+    assert (before, attachments.folder) == (None, first)
     attachments.keep("aa", b"one")
     attachments.keep("bb", b"two")
     attachments.keep("bb", b"two")
