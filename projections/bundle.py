@@ -84,7 +84,7 @@ def build_push(records: Iterable[Record]) -> dict[str, Any]:
     if not objects.flight_id:
         raise LookupError("the flight has no manifest: there is nothing to push")
     seen = [row for row in objects.observations if row.seq > objects.pushed_seq]
-    muted = [row for row in objects.ignored if row.source == "local_appended" and row.seq > objects.pushed_seq]
+    muted = [row for row in objects.ignored if row.seq > objects.pushed_seq]  # of a flight before: -1
     observations = [_observation(row, objects.flight_id.hex()) for row in seen]
     ignored_items = [_ignored(row, objects) for row in muted]
     for told in (*observations, *ignored_items):

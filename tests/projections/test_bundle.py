@@ -144,6 +144,9 @@ def test_a_push_is_what_this_flight_saw() -> None:
     assert [row["mission_id"] for row in (push, *push["observations"])] == ["m"] * 3
     assert [row["mission_id"] for row in bundle_of(flight)["observations"]] == ["", "m"]
     assert (bundle_of(flight)["mission_id"], push["map_objects"]) == ("m", [])
+    flight.tell(PushReported(effect_seq=flight.state.next_seq.value, observations=2, final=True))
+    things = [(row["mission_id"], row["pending_upload"]) for row in bundle_of(flight)["map_objects"]]
+    assert things == [("", False), ("", True), ("m", False)]  # the second was not seen again
     assert [corner["latitude"] * 10**7 for corner in push["bbox"]] == [
         detection(0, north).place.latitude_e7 for north in (10_000, -20_000)
     ]

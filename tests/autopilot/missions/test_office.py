@@ -104,10 +104,12 @@ def test_what_was_seen_is_kept_by_its_id(office: Office) -> None:
     assert push(office, "a", 2, 1)[0] == 200
     assert push(office, "a", 3)[0] == 422
     assert push(office, "b", 1, 4, ignored_items=[])[0] == 201
+    assert push(office, "c", observations=[{"id": uid(2), "class": "another"}])[0] == 201
     status, data, _ = ask(office, "GET", PATH + "/mapobjects")
     assert (status, json.loads(data)) == (200, office.mapobjects(MISSION_ID.upper()))
     kept = json.loads(data)
     assert [row["id"] for row in kept["observations"]] == [uid(2), uid(1), uid(4)]
+    assert {row["class"] for row in kept["observations"]} == {"person"}
     assert (kept["mission_id"], kept["ignored_items"]) == (MISSION_ID, [{"id": "i"}])
     assert office.mission(MISSION_ID)["items"][0]["id"] == uid(0)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from autopilot.adapters.missions.client import Failed
+from autopilot.adapters.missions.client import Answer, Client, Failed
 from autopilot.adapters.missions.pushing import LISTS, Bundle, Part, parts_of, read_in_child
 from autopilot.ports.config import MissionSection
 from autopilot.sim.office import Office
@@ -152,6 +153,18 @@ def test_what_will_not_be_better_is_said_at_once(
     assert words in report.because
 
 
+def test_an_answer_that_means_nothing_is_no_word_that_it_was_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """304 to a POST: what is not said to be there is left."""
+
+    async def post(*_words: object) -> Answer:
+        return Answer(status=304, data=b"", etag="")
+
+    monkeypatch.setattr(Client, "post", post)
+    bench = bench_of(MissionSection(url="http://127.0.0.1:9", mission_id=MISSION_ID), seen())
+    assert said(bench.run(PUSH)) == ["1 0+0 pushed, 4 left after 2"]
+    assert reasons(bench) == ["the office answers 304 to a push"]
+
+
 def test_nobody_there(office: Office) -> None:
     """No connection is tried again too."""
     settings = at(office, attempts=2)
@@ -288,4 +301,4 @@ def test_a_push_that_is_given_up_leaves_no_child(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(asyncio, "create_subprocess_exec", noted)
         asyncio.run(work())
-    assert begun[0].returncode is not None
+    assert begun[0].returncode == -signal.SIGKILL

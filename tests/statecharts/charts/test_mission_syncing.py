@@ -57,10 +57,10 @@ def test_what_was_seen_is_pushed(end: str, why: str) -> None:
         f"""
         {SYNCING.strip()}
         20   | pushed 3             | -      | - | -
+        20.5 | order b begin        | -      | - | -
         21   | pushed left=2 again= | -      | - | -
         22   | armed                | -      | - | -
         23   | mode mission         | -      | - | -
-        24   | order b begin        | -      | - | -
         25   | order p pause        | -      | - | -
         26   | order x abort        | -      | - | -
         27   | order r resume       | -      | - | -
