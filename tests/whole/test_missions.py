@@ -43,7 +43,10 @@ def test_a_copter(tmp_path: Path, personality: Literal["ardupilot", "px4"]) -> N
 
 
 def test_a_plane_with_a_pilot(tmp_path: Path) -> None:
-    """The pilot launches it and switches to AUTO; the node never arms it and never touches its mode."""
+    """The pilot launches it and switches to AUTO; the node never arms it and never touches its mode.
+
+    The office is shut as it lands, and the node killed while it tries to push: the next start pushes.
+    """
     flight = Mission(tmp_path, frame="plane", speed_up=10, flies=WIDE)
     flight.configure("mission", airframe="plane", cruise_speed_mps=18, search_height_m=60)
     with flight:
@@ -55,14 +58,20 @@ def test_a_plane_with_a_pilot(tmp_path: Path) -> None:
         flight.status(lambda one: one.mission.state == "flying", "the mission")
         flight.truth(lambda one: one["doing"] in ("mission", "return") and one["current"] > 3, "the lanes")
         flight.status(lambda one: one.mission.state == "returning", "the return")
+        flight.stage.office.stop()
         flight.door.ask(disarm=True)  # the pilot has landed it
         flight.landed()
+        flight.wait_record(lambda one: one.kind.name == "push_reported", "a push that goes on")
+        flight.stage.node.kill()
+        flight.stage.office.start()
+        flight.stage.node.start()
         pushed = flight.pushed()
         records = flight.ended()
         check_course(records, BY_PILOT)
         check_pushed(records, pushed)
-    kinds = {record.kind.name for record in records}
-    assert kinds.isdisjoint({"arm_vehicle", "start_mission", "set_vehicle_mode"})
+    kinds = [record.kind.name for record in records]
+    assert kinds.count("push_observations") == 2
+    assert set(kinds).isdisjoint({"arm_vehicle", "start_mission", "set_vehicle_mode"})
 
 
 def check_course(records: list[Record], states: list[str]) -> None:
@@ -78,7 +87,7 @@ def check_course(records: list[Record], states: list[str]) -> None:
 
 def check_pushed(records: list[Record], pushed: tuple[int, int]) -> None:
     """Check that the office has every sighting that the log would give away, and that the log says so."""
-    (report,) = [one.message for one in records if isinstance(one.message, PushReported)]
+    (report,) = [one.message for one in records if isinstance(one.message, PushReported) and one.message.final]
     landed = [one for one in records if one.seq <= report.effect_seq]
     wanted = build_push(landed)
     assert (len(wanted["observations"]), len(wanted["ignored_items"])) == pushed
