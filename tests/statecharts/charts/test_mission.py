@@ -62,18 +62,44 @@ def test_it_looks_for_the_vehicle_first() -> None:
     check_equal([move.to_state for move in moves if move.chart == "mission"], ["linking", "checking"])
 
 
-@pytest.mark.parametrize("words", ["did 4", "did-not"])
-def test_a_step_is_tried_so_often(words: str) -> None:
-    """A refusal, or no answer, and then a person has to look; what is in progress is waited for."""
+@pytest.mark.parametrize(("words", "answer"), [("did 4", "MAV_RESULT_FAILED"), ("did-not", "no answer")])
+def test_a_step_is_tried_so_often(words: str, answer: str) -> None:
+    """A refusal waits for the step's time, and after the last a person has to look; what is in progress is awaited."""
     check_chart(
         "mission",
         f"""
         at_s | observe  | state      | say       | why
         3    | uploaded | 1 readying | go guided | the vehicle has the plan, read back
         4    | did 5    | -          | -         | -
-        5    | {words}  | 1 readying | go guided | the vehicle refused: tried again
-        6    | {words}  | 1 readying | go guided | the vehicle refused: tried again
-        7    | {words}  | 1 paused   | -         | the vehicle refused, as often as it may be tried
+        5    | {words}  | -          | -         | -
+        6    | {words}  | -          | -         | -
+        13   | time     | 1 readying | go guided | the vehicle did not do it: tried again
+        14   | {words}  | -          | -         | -
+        23   | time     | 1 readying | go guided | the vehicle did not do it: tried again
+        24   | {words}  | 1 paused   | -         | the vehicle did not do it, as often as it may be tried: {answer}
+        """,
+        story(GROUND),
+    )
+
+
+def test_a_refusal_is_of_one_try() -> None:
+    """What came after a refusal counts: the vehicle did it, or nothing came of the next try."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe  | state      | say       | why
+        3    | uploaded | 1 readying | go guided | the vehicle has the plan, read back
+        4    | did 4    | -          | -         | -
+        13   | time     | 1 readying | go guided | the vehicle did not do it: tried again
+        23   | time     | 1 readying | go guided | nothing came of it: tried again
+        24   | did 99   | 1 paused   | -         | the vehicle did not do it, as often as it may be tried: MAV_RESULT 99
+        25   | order r resume | 1 uploading | upload 4 | an operator lets it go on
+        26   | uploaded | 1 readying | go guided | the vehicle has the plan, read back
+        27   | did 4    | -          | -         | -
+        28   | mode loiter disarmed=1 | 1 arming | arm | the vehicle holds
+        29   | did 4    | -          | -         | -
+        30   | armed    | 1 engaging | go mission | armed
+        40   | time     | 1 engaging | go mission | nothing came of it: tried again
         """,
         story(GROUND),
     )
@@ -99,16 +125,18 @@ def test_silence_is_tried_again_too() -> None:
 
 def test_nothing_is_armed_before_the_plan_was_read_back() -> None:
     """A failed upload is begun again, whole; then it is paused, and an operator may let it go on."""
+    often = "the vehicle did not take the plan, as often as it may be tried: refused"
     check_chart(
         "mission",
-        """
+        f"""
         at_s | observe        | state       | say       | why
         3    | uploaded 1     | -           | -         | -
-        4    | not-uploaded   | 1 uploading | upload 4  | the vehicle did not take the plan: tried again
-        69   | time           | 1 uploading | upload 4  | no word of the upload: tried again
-        70   | not-uploaded   | 1 paused    | -         | the vehicle did not take the plan, as often as it may be tried
-        71   | order r resume | 1 uploading | upload 4  | an operator lets it go on
-        72   | uploaded       | 1 readying  | go guided | the vehicle has the plan, read back
+        4    | not-uploaded   | -           | -         | -
+        14   | time           | 1 uploading | upload 4  | the vehicle did not take the plan: tried again
+        79   | time           | 1 uploading | upload 4  | no word of the upload: tried again
+        80   | not-uploaded   | 1 paused    | -         | {often}
+        81   | order r resume | 1 uploading | upload 4  | an operator lets it go on
+        82   | uploaded       | 1 readying  | go guided | the vehicle has the plan, read back
         """,
         story(GROUND),
     )
@@ -313,10 +341,11 @@ def test_progress_where_the_vehicle_does_not_name_every_item() -> None:
         check_equal(tale.flight.state.missions[1].next_item, expected)
 
 
-def followed() -> Story:
+def followed(items: str = "takeoff,go,go,home") -> Story:
     """Return a story in the air, with a finding that a person has confirmed."""
     tale = Story(*flying.opening(sightings_to_ask=1, frame_rate_floor_mhz=0))
-    tale = check_chart("mission", AIR, tale)
+    planned, uploads = f"| planned items={items}", f"upload {items.count(',') + 1} "
+    tale = check_chart("mission", AIR.replace("| planned", planned, 1).replace("upload 4 ", uploads), tale)
     for words in ("frame person@5,5", "time", "order c confirm p1 by=bravo", "at 2 reached=1"):
         tale.tell(words)
     return tale
@@ -343,6 +372,79 @@ def test_what_is_followed_gets_a_waypoint() -> None:
         """,
         followed(),
     )
+
+
+def test_a_waypoint_that_comes_late_is_turned_back_for() -> None:
+    """Where the vehicle is past its number already, by the plan before: that is not waiting at it."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe                    | state       | say                   | why
+        10   | order f follow p1 by=bravo | 1 flying | post before 2 at 30 m | asks for a waypoint at what is followed
+        11   | at 3 reached=2             | -           | -                     | -
+        12   | posted                     | -           | -                     | -
+        13   | at 4 reached=3             | -           | -                     | -
+        14   | planned rev=b items=takeoff,go,go,go,go,go,go,home | 1 uploading | upload 8 | the plan has changed
+        15   | at 5 reached=4             | -           | -                     | -
+        16   | uploaded                   | 1 engaging  | item 2; go mission    | the vehicle has the plan, in the air
+        17   | at 5                       | -           | -                     | -
+        18   | mode mission               | 1 flying    | -                     | goes on with the mission
+        20   | time                       | -           | -                     | -
+        20   | at 6 reached=5             | -           | -                     | -
+        21   | at 2                       | -           | -                     | -
+        22   | at 3 reached=2             | 1 following | go loiter             | waits at what is followed
+        """,
+        followed("takeoff,go,go,go,go,go,home"),
+    )
+
+
+def test_a_plan_of_somebody_else_has_no_such_waypoint() -> None:
+    """Nor the plan of before: only the one that came of the asking, once the vehicle holds it."""
+    tale = followed("takeoff,go,go,go,home")
+    for words in ("order f follow p1 by=bravo", "at 3 reached=2", "planned rev=c items=takeoff,go,go,go,home of=7"):
+        tale.tell(words)
+    for words in ("uploaded", "mode mission", "at 2", "at 3"):
+        tale.tell(words)
+    check_equal(tale.flight.state.missions[1].state, "flying")
+    for words, state in (("planned rev=d items=takeoff,go,go,go,go,home", "uploading"), ("at 2", "uploading")):
+        tale.tell(words)
+        check_equal((words, tale.flight.state.missions[1].state), (words, state))
+    for words, state in (("uploaded", "engaging"), ("mode mission", "flying"), ("at 3", "following")):
+        tale.tell(words)
+        check_equal((words, tale.flight.state.missions[1].state), (words, state))
+
+
+def test_what_was_passed_while_nobody_looked_is_not_waited_at_later() -> None:
+    """Past the waypoint before the mission goes on: the camera follows, the vehicle goes its way."""
+    tale = followed("takeoff,go,go,go,home")
+    for words in ("order f follow p1 by=bravo", "planned rev=b items=takeoff,go,go,go,go,home", "uploaded", "at 3"):
+        tale.tell(words)
+    for words in ("mode mission", "at 4"):
+        tale.tell(words)
+        check_equal((words, tale.flight.state.missions[1].state), (words, "flying"))
+
+
+def test_it_is_waited_once_at_a_waypoint() -> None:
+    """Whoever resumes a mission that was paused there lets it go on behind it, though the camera follows on."""
+    tale = followed("takeoff,go,go,go,home")
+    for words in ("order f follow p1 by=bravo", "planned rev=b items=takeoff,go,go,go,go,home", "uploaded"):
+        tale.tell(words)
+    for words in ("mode mission", "at 3 reached=2", "mode loiter", "order p pause", "order r resume", "mode mission"):
+        tale.tell(words)
+    for words in ("at 3 reached=2", "at 4"):
+        tale.tell(words)
+        check_equal((words, tale.flight.state.missions[1].state), (words, "flying"))
+    check_equal([one.state for one in tale.flight.state.scans.values()], ["following"])
+
+
+@pytest.mark.parametrize(("told", "left"), [("", -1), ("posted", -1), ("planned rev=b", 2)])
+def test_a_start_waits_for_no_waypoint_that_was_asked_for_before(told: str, left: int) -> None:
+    """Who asked the office died with the process; a waypoint that came is kept. Another may be asked for later."""
+    tale = followed()
+    for words in ("order f follow p1 by=bravo", told, "start"):
+        if words:
+            tale.tell(words)
+    check_equal(tale.flight.state.missions[1].middle_item, left)
 
 
 def test_following_without_a_waypoint() -> None:

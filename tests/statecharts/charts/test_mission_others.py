@@ -9,16 +9,17 @@ import pytest
 from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
 from tests.checks import check_chart, check_equal, seen
 from tests.statecharts.charts.test_mission import AIR, GROUND, followed, story
+from tests.stories import Story
 
 
 @pytest.mark.parametrize(
     ("before", "words", "state"),
     [
-        ("uploaded", "did-not", "1 readying"),
-        ("uploaded", "did 4", "1 readying"),
+        ("uploaded", "did-not", "-"),
+        ("uploaded", "did 4", "-"),
         ("uploaded", "mode guided disarmed=1", "1 arming"),
         ("uploaded", "order x abort", "1 aborted"),
-        ("vehicle up", "not-uploaded", "1 uploading"),
+        ("vehicle up", "not-uploaded", "-"),
         ("vehicle up", "uploaded", "1 readying"),
     ],
 )
@@ -29,8 +30,9 @@ def test_nothing_is_asked_of_a_silent_vehicle(before: str, words: str, state: st
         tale.tell(line)
     found = seen(tale, "mission", tale.tell(words))
     check_equal((found["state"], found["say"], tale.flight.state.waiting("mission")), (state, "-", ()))
-    asks = {"1 readying": "go guided", "1 arming": "arm", "1 uploading": "upload 4", "1 aborted": "-"}
-    check_equal(seen(tale, "mission", tale.tell("vehicle up"))["say"], asks[state])
+    asks = {"readying": "go guided", "arming": "arm", "uploading": "upload 4", "aborted": "-"}
+    now = tale.flight.state.missions[1].state
+    check_equal(seen(tale, "mission", tale.tell("vehicle up"))["say"], asks[now])
 
 
 def test_an_aborted_flight_on_a_link_that_comes_and_goes() -> None:
@@ -268,6 +270,148 @@ def test_a_pause_that_was_not_heard() -> None:
         9    | order p pause | 1 paused | go loiter | an operator pauses it
         10   | vehicle down  | -        | -         | -
         60   | vehicle up    | -        | -         | -
+        """,
+        story(AIR),
+    )
+
+
+def returning(**changes: Any) -> Story:
+    """Return a story of a vehicle that returns by itself, and was told to hold."""
+    return check_chart(
+        "mission",
+        """
+        at_s | observe       | state       | say       | why
+        8    | mode return   | 1 returning | -         | the vehicle goes home by itself
+        9    | order p pause | 1 paused    | go loiter | an operator pauses it
+        """,
+        story(AIR, **changes),
+    )
+
+
+def test_a_return_that_was_paused_is_not_believed_again_at_once() -> None:
+    """A heartbeat that left before the pause says nothing new; a vehicle that was seen to stop means what it says."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe     | state       | say       | why
+        9.1  | mode return | -           | -         | -
+        9.2  | did 0       | -           | -         | -
+        9.3  | mode return | -           | -         | -
+        10   | mode loiter | -           | -         | -
+        11   | mode return | 1 returning | -         | the vehicle goes home
+        12   | order q pause | 1 paused  | go loiter | an operator pauses it
+        13   | mode land   | 1 returning | -         | the vehicle goes home
+        """,
+        returning(),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe        | state      | say                | why
+        9.1  | mode return    | -          | -                  | -
+        9.2  | order r resume | 1 engaging | item 0; go mission | an operator lets it go on
+        9.3  | mode return    | -          | -                  | -
+        10   | mode loiter    | -          | -                  | -
+        11   | mode mission   | 1 flying   | -                  | goes on with the mission
+        """,
+        returning(),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe        | state       | say                | why
+        9.2  | order r resume | 1 engaging  | item 0; go mission | an operator lets it go on
+        10   | mode loiter    | -           | -                  | -
+        11   | mode return    | 1 returning | -                  | the vehicle goes home by itself
+        """,
+        returning(),
+    )
+
+
+def test_a_vehicle_that_keeps_returning_returns() -> None:
+    """It is asked to hold as often as a step is tried, refused or not; then it is said as it is."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state       | say       | why
+        10   | did 4         | -           | -         | -
+        19   | time          | 1 paused    | go loiter | it does not hold: asked again
+        20   | mode return   | -           | -         | -
+        29   | time          | 1 paused    | go loiter | it does not hold: asked again
+        39   | time          | 1 returning | -         | it does not stop returning
+        40   | order q pause | 1 paused    | go loiter | an operator pauses it
+        41   | disarmed      | 1 landed    | -         | disarmed
+        """,
+        returning(),
+    )
+
+
+def test_a_plan_that_goes_up_while_a_return_ends() -> None:
+    """Resumed by a changed plan: the return of before is not believed there either, a new one is."""
+    for words, expected in (("mode return", "-"), ("mode land", "1 returning")):
+        tale = returning()
+        for told in ("planned rev=b", "order r resume"):
+            tale.tell(told)
+        check_equal(tale.flight.state.missions[1].state, "uploading")
+        check_equal((words, seen(tale, "mission", tale.tell(words))["state"]), (words, expected))
+
+
+def test_a_failsafe_is_believed_at_once() -> None:
+    """Whatever the vehicle had said before: what a failsafe demands and the vehicle does is no word of the past."""
+    limits = {"battery_return_percent": 25, "failsafe_again_ms": 5_000}
+    check_chart(
+        "mission",
+        """
+        at_s | observe     | state       | say | why
+        9.1  | battery 20  | -           | -   | -
+        9.2  | mode return | 1 returning | -   | the vehicle goes home
+        """,
+        returning(**limits),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe     | state       | say | why
+        9.1  | battery 20  | -           | -   | -
+        19   | time        | 1 returning | -   | it does not stop returning
+        """,
+        returning(**limits),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe        | state       | say                | why
+        9.1  | order r resume | 1 engaging  | item 0; go mission | an operator lets it go on
+        9.2  | battery 20     | -           | -                  | -
+        9.3  | mode return    | 1 returning | -                  | the vehicle goes home by itself
+        """,
+        returning(**limits),
+    )
+
+
+def test_after_a_silence_it_is_believed_as_it_is() -> None:
+    """What happened meanwhile nobody knows: a vehicle that is heard again returns, or flies, where it says so."""
+    for told in (("vehicle down", "vehicle up"), ("start", "vehicle up")):
+        tale = returning()
+        for words in told:
+            tale.tell(words)
+        found = seen(tale, "mission", tale.tell("mode return"))
+        check_equal((told, found["state"], found["why"]), (told, "1 returning", "the vehicle goes home"))
+
+
+def test_a_pause_is_not_undone_by_a_word_of_before() -> None:
+    """The mission's own mode neither, said once more; it is asked to hold for as long as it flies on."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state    | say       | why
+        9    | order p pause | 1 paused | go loiter | an operator pauses it
+        9.1  | mode mission  | -        | -         | -
+        19   | time          | 1 paused | go loiter | it does not hold: asked again
+        29   | time          | 1 paused | go loiter | it does not hold: asked again
+        39   | time          | 1 paused | go loiter | it does not hold: asked again
+        40   | mode loiter   | -        | -         | -
+        41   | mode mission  | 1 flying | -         | somebody put it back into the mission
         """,
         story(AIR),
     )
