@@ -135,7 +135,7 @@ def _progress(state: State, record: Record) -> None:
         return
     if item <= now.middle_item:
         _put(state, middle_ahead=True)
-    elif now.middle_ahead and now.state not in ("flying", "following"):
+    elif now.middle_ahead and now.state != "flying":
         _put(state, middle_item=-1)
 
 
@@ -246,7 +246,7 @@ def _refused(state: State, record: Record) -> None:
         words = outcome.because
     elif outcome.mav_result not in GOING_ON:
         words = MAV_RESULTS.get(outcome.mav_result, f"MAV_RESULT {outcome.mav_result}")
-    if not words or outcome.effect_seq != mission(state).effect_seq or mission(state).state not in ASKING:
+    if not words or outcome.effect_seq != mission(state).effect_seq:
         return
     _put(state, refusal=words)
     if isinstance(outcome, MissionUploadFailed) and _KEY in state.deadlines:

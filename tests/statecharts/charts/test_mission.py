@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 from events.schema.common_pb2 import Moved
+from events.schema.mission_pb2 import WaypointPosted
 from statecharts.carry import carry_over
 from statecharts.charts.opening import load_carried
 from statecharts.state import State
-from tests import flying
+from tests import flights, flying
 from tests.checks import check_chart, check_equal, seen
 from tests.stories import Story
 
@@ -91,6 +92,7 @@ def test_a_refusal_is_of_one_try() -> None:
         3    | uploaded | 1 readying | go guided | the vehicle has the plan, read back
         4    | did 4    | -          | -         | -
         13   | time     | 1 readying | go guided | the vehicle did not do it: tried again
+        14   | did 5    | -          | -         | -
         23   | time     | 1 readying | go guided | nothing came of it: tried again
         24   | did 99   | 1 paused   | -         | the vehicle did not do it, as often as it may be tried: MAV_RESULT 99
         25   | order r resume | 1 uploading | upload 4 | an operator lets it go on
@@ -422,6 +424,73 @@ def test_what_was_passed_while_nobody_looked_is_not_waited_at_later() -> None:
     for words in ("mode mission", "at 4"):
         tale.tell(words)
         check_equal((words, tale.flight.state.missions[1].state), (words, "flying"))
+
+
+def test_the_plan_is_not_the_vehicles_before_it_holds_it() -> None:
+    """A second waypoint, of which the plan is known and not uploaded: nothing is waited at, though one was before."""
+    tale = followed("takeoff,go,go,go,go,home")
+    first = (
+        "order f follow p1 by=bravo",
+        "planned rev=b items=takeoff,go,go,go,go,go,home",
+        "uploaded",
+        "mode mission",
+    )
+    for words in (
+        *first,
+        "at 3 reached=2",
+        "order t turn by=bravo",
+        "mode mission",
+        "at 3",
+        "order g follow p1 by=bravo",
+    ):
+        tale.tell(words)
+    check_equal(tale.flight.state.missions[1].middle_item, 3)
+    for words in (
+        "at 3",
+        "order p pause",
+        "mode loiter",
+        "planned rev=c items=takeoff,go,go,go,go,go,go,home",
+        "mode mission",
+    ):
+        tale.tell(words)
+    for words, state in (("at 3", "flying"), ("at 4 reached=3", "flying"), ("mode mission", "uploading")):
+        tale.tell(words)
+        check_equal((words, tale.flight.state.missions[1].state), (words, state))
+    for words, state in (
+        ("uploaded", "engaging"),
+        ("mode mission", "flying"),
+        ("at 3", "flying"),
+        ("at 4", "following"),
+    ):
+        tale.tell(words)
+        check_equal((words, tale.flight.state.missions[1].state), (words, state))
+
+
+def test_a_vehicle_that_is_before_the_waypoint_goes_on_where_it_is() -> None:
+    """Nothing of the mission is left out on the way to it."""
+    tale = followed()
+    for words in ("order f follow p1 by=bravo", "at 1", "planned rev=b items=takeoff,go,go,go,home"):
+        tale.tell(words)
+    check_equal(seen(tale, "mission", tale.tell("uploaded"))["say"], "item 1; go mission")
+
+
+def test_what_the_office_said_to_an_older_question_is_not_about_this_one() -> None:
+    """The waypoint that was asked for last is still to come."""
+    tale = followed()
+    tale.tell("order f follow p1 by=bravo")
+    for seq, left in ((3, 2), (flying.newest(tale.flight.records, "post_waypoint"), -1)):
+        tale.flight.tell(WaypointPosted(effect_seq=seq, failure="too late"))
+        check_equal(tale.flight.state.missions[1].middle_item, left)
+
+
+def test_an_answer_to_another_effect_refuses_nothing() -> None:
+    """The item was refused, the mode was not answered: that is what is said of the step."""
+    tale = story(AIR)
+    for words in ("order p pause", "mode loiter", "order r resume"):
+        tale.tell(words)
+    tale.flight.tell(flights.answered(flying.newest(tale.flight.records, "set_mission_item"), 3))
+    tale.at((tale.flight.due or 0) // 1_000_000)
+    check_equal(seen(tale, "mission", tale.tell("time"))["why"], "nothing came of it: tried again")
 
 
 def test_it_is_waited_once_at_a_waypoint() -> None:

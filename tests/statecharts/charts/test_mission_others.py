@@ -415,3 +415,34 @@ def test_a_pause_is_not_undone_by_a_word_of_before() -> None:
         """,
         story(AIR),
     )
+
+
+def test_who_is_not_told_to_hold_is_not_waited_for() -> None:
+    """On the ground nothing is commanded, down nothing is waited for; and a silent vehicle is believed afterwards."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe                 | state      | say       | why
+        3    | uploaded                | 1 readying | go guided | the vehicle has the plan, read back
+        4    | mode mission disarmed=1 | -          | -         | -
+        5    | order p pause           | 1 paused   | -         | an operator pauses it
+        """,
+        story(GROUND),
+    )
+    tale = check_chart(
+        "mission",
+        """
+        at_s | observe                 | state    | say       | why
+        7    | order p pause           | 1 paused | go loiter | an operator pauses it
+        8    | mode mission disarmed=1 | -        | -         | -
+        """,
+        story(AIR[: AIR.index("    7    | did 0")]),
+    )
+    check_equal(tale.flight.state.waiting("mission"), ())
+    tale = story(AIR, mission_tries=1)
+    for words in ("planned rev=b", "vehicle down", "not-uploaded"):
+        tale.tell(words)
+    check_equal((tale.flight.state.missions[1].state, tale.flight.state.waiting("mission")), ("paused", ()))
+    for words, state in (("vehicle up", "paused"), ("mode mission", "flying")):
+        tale.tell(words)
+        check_equal((words, tale.flight.state.missions[1].state), (words, state))
