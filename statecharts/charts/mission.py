@@ -41,6 +41,7 @@ from statecharts.charts.mission_guards import (
     by_waypoint,
     disarmed,
     flown_already,
+    followed,
     goes_home,
     goes_home_in_air,
     goes_on_trying,
@@ -86,6 +87,8 @@ MAY_BEGIN = ("linking", "checking", "selftest", "ready", "done", "aborted")
 MAY_PAUSE = ("uploading", "readying", "arming", "engaging", "starting", "flying", "following", "returning")
 MAY_RESUME = ("paused",)
 OVER = ("idle", "landed", "done", "aborting", "aborted")
+# States of a mission that is under way in the air, which a flight hands over where the next one begins there.
+IN_THE_AIR = ("uploading", "engaging", "flying", "following", "paused", "returning", "aborting")
 
 
 _NOT_NOW = {
@@ -267,6 +270,9 @@ CHART: Chart[Facts] = Chart(
         *_under_way("following"),
         ignore("following", "reported", "it waits", in_mission_or_holding, band=3),
         move("following", "reported", "paused", "somebody took the vehicle out of the mission", band=4),
+        ignore("following", "node_started", "goes on with what it was at", followed, band=1),
+        move("following", "node_started", "engaging", "nothing is followed in this flight", holds_plan, band=2),
+        move("following", "node_started", "uploading", "nothing is followed in this flight", band=3),
         move("following", "follow_ended", "engaging", "goes on where it left the mission", holds_plan, band=1),
         move("following", "follow_ended", "uploading", "goes on by the changed plan", band=2),
         move("paused", "resume", "engaging", "an operator lets it go on", in_air_with_plan, band=1),

@@ -34,6 +34,7 @@ class Facts:
     failsafe: bool = False  # a failsafe demands something of it that nobody holds off
     homeward: bool = False  # the item that the vehicle is at brings it home or down
     at_middle: bool = False  # the vehicle has reached the waypoint that was asked for in the middle
+    followed: bool = False  # a camera follows something
     by_waypoint: bool = False  # what is followed gets a waypoint
 
 
@@ -200,3 +201,8 @@ def at_middle(facts: Facts) -> bool:
 def by_waypoint(facts: Facts) -> bool:
     """What is followed gets a waypoint in the mission."""
     return facts.by_waypoint
+
+
+def followed(facts: Facts) -> bool:
+    """A camera follows something."""
+    return facts.followed

@@ -148,6 +148,7 @@ def _facts(state: State, record: Record) -> Facts:
         left_mission=now.entered_mode == FLIGHT_MODE_MISSION != vehicle.flight_mode,
         homeward=item is not None and item.command in HOMEWARD,
         at_middle=now.middle_ahead and has_middle(state) and now.middle_item < now.next_item,
+        followed=any(scan.state == "following" for scan in state.scans.values()),
         by_waypoint=limits.follow_by_waypoint and now.middle_item < 0 and item is not None,
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from events.records import Record
 from events.schema.common_pb2 import Moved
-from events.schema.flight_pb2 import Limits, NodeStarted
+from events.schema.flight_pb2 import BaselineCarried, Limits, NodeStarted
 from events.schema.mission_pb2 import MissionPlanned, MissionUploaded, PostWaypoint
 from events.schema.safety_pb2 import FLIGHT_MODE_MISSION, FLIGHT_MODE_RETURN
 from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
@@ -27,7 +27,7 @@ class Patience(Monitor):
 
     kinds = (
         *("moved", "vehicle_state_reported", "vehicle_link_changed", "node_started"),
-        *("mission_planned", "post_waypoint", "upload_mission", "mission_uploaded"),
+        *("baseline_carried", "mission_planned", "post_waypoint", "upload_mission", "mission_uploaded"),
     )
 
     def __init__(self, limits: Limits, whole: bool) -> None:
@@ -72,6 +72,9 @@ class Patience(Monitor):
                 self._stopped_in = self._stopped_in if mode == self._stopped_in else None
             case VehicleLinkChanged(vehicle=1) | NodeStarted():
                 self._stopped_in = None
+            case BaselineCarried(state=carried) if carried.HasField("mission"):
+                self._planned_by, self._held = 0, carried.mission.held
+                self._posted = 0 if carried.mission.HasField("middle_item") else -1
             case MissionPlanned(effect_seq=seq):
                 self._planned_by, self._held = seq, False
             case PostWaypoint():
