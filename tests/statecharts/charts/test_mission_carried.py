@@ -6,7 +6,9 @@ from collections.abc import Iterable
 
 import pytest
 
+from events.schema.common_pb2 import Moved
 from events.schema.flight_pb2 import BaselineCarried
+from events.schema.mission_pb2 import ArmVehicle
 from events.schema.safety_pb2 import FLIGHT_MODE_LOITER
 from events.schema.state_pb2 import CarriedState
 from projections.describe import describe
@@ -20,7 +22,7 @@ from tests.checks import check_chart, check_equal
 from tests.monitors import complaints
 from tests.projections.test_status import check_agrees, folded
 from tests.statecharts.charts.test_mission import AIR, followed, story
-from tests.statecharts.test_monitors import steps
+from tests.statecharts.test_monitors import changed, steps
 from tests.stories import Story
 
 FOLLOWED = ("order f follow p1 by=bravo", "planned rev=b items=takeoff,go,go,go,home", "uploaded", "mode mission")
@@ -184,6 +186,36 @@ def test_what_is_not_under_way_in_the_air_begins_anew(tale: object) -> None:
     made = tale()  # type: ignore[operator]
     check_equal(carried_of(made).HasField("mission"), False)
     check_equal(after(made).flight.state.missions[1].state, "linking")
+
+
+def test_a_waypoint_that_was_waited_at_is_not_carried() -> None:
+    """It is behind the vehicle, though the plan has it still."""
+    tale = before((*WAYS["following"], "order t turn by=bravo"))
+    check_equal(carried_of(tale).mission.HasField("middle_item"), False)
+    check_equal(after(tale).flight.state.missions[1].middle_item, -1)
+
+
+def test_a_vehicle_that_is_down_is_not_in_the_air_whatever_the_mission_is_at() -> None:
+    """As in safe mode, where nobody asks the mission."""
+    tale = before(WAYS["flying"])
+    tale.flight.state.vehicles.put(1, tale.flight.state.vehicles[1]._replace(armed=False))
+    check_equal(carried_of(tale).HasField("mission"), False)
+
+
+def test_the_monitors_take_it_over() -> None:
+    """What was held and begun is; a waypoint that nobody asked for is waited at by nobody."""
+    for way, message, expected in (
+        (WAYS["flying"], ArmVehicle(vehicle=1), "no self-test has passed"),
+        (WAYS["uploading"], ArmVehicle(vehicle=1), "the vehicle does not hold the newest plan"),
+        (WAYS["flying"], Moved(chart="mission", instance="1", to_state="following"), "the plan that has the waypoint"),
+        (FOLLOWED, Moved(chart="mission", instance="1", to_state="following"), ""),
+    ):
+        flight = steps(after(before(way)).flight.records)
+        flight[-1].append(changed(flight[-1][0], message))
+        known = ("hold the newest plan", "no self-test", "nobody ordered", "the plan that has")
+        found = [one for one in complaints(flight) if any(said in one for said in known)]
+        check_equal([expected in one for one in found[:1]], [True] if expected else [])
+        check_equal([one for one in found if "nobody ordered" in one], [])
 
 
 def test_it_is_seen_in_the_status_and_in_words() -> None:
