@@ -15,7 +15,8 @@ from statecharts.monitors import Watch
 from tests import flying
 from tests.checks import check_equal
 from tests.monitors import complaints
-from tests.statecharts.charts.test_mission import AIR, GROUND, followed, story
+from tests.statecharts.charts.test_mission import AIR, GROUND, story
+from tests.statecharts.charts.test_mission_following import followed
 from tests.statecharts.test_monitors import Flight, changed, cut, limit, other, steps, where
 from tests.stories import Story
 

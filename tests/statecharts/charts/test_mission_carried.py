@@ -21,7 +21,8 @@ from tests import flying
 from tests.checks import check_chart, check_equal
 from tests.monitors import complaints
 from tests.projections.test_status import check_agrees, folded
-from tests.statecharts.charts.test_mission import AIR, followed, story
+from tests.statecharts.charts.test_mission import AIR, story
+from tests.statecharts.charts.test_mission_following import followed
 from tests.statecharts.test_monitors import changed, steps
 from tests.stories import Story
 
