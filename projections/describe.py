@@ -155,7 +155,9 @@ def _opened(one: flight_pb2.FlightOpened) -> str:
 
 def _carried(one: flight_pb2.BaselineCarried) -> str:
     state = one.state
-    return f"carried over: {len(state.objects)} objects, {len(state.ignored)} muted places, {len(state.orders)} orders"
+    mission = f", a mission in the air, {state.mission.chart_state}" if state.HasField("mission") else ""
+    counts = f"{len(state.objects)} objects, {len(state.ignored)} muted places, {len(state.orders)} orders"
+    return f"carried over: {counts}{mission}"
 
 
 def _started(one: flight_pb2.NodeStarted) -> str:

@@ -99,6 +99,9 @@ def _opened(_picture: Picture, _record: Record, opened: FlightOpened) -> Picture
 
 def _carried(picture: Picture, record: Record, carried: BaselineCarried) -> Picture:
     picture = status_safety.carried(picture, record, carried.state)
+    picture = status_mission.carried(picture, record, carried.state)
+    if carried.state.HasField("mission"):
+        picture = _vehicle_with(picture, carried.state.mission.vehicle, armed=True)
     return replace(picture, map_objects=len(carried.state.objects), ignored=len(carried.state.ignored))
 
 

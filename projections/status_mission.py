@@ -20,6 +20,7 @@ from events.schema.mission_pb2 import (
     PushReported,
     SelftestReported,
 )
+from events.schema.state_pb2 import CarriedState
 from projections.describe_flight import VERDICTS, named, pushed
 from projections.picture import MissionPicture, Picture
 
@@ -27,6 +28,15 @@ from projections.picture import MissionPicture, Picture
 def opened(picture: Picture, limits: Limits) -> Picture:
     """Return the picture at the beginning of a flight."""
     return replace(picture, mission=MissionPicture()) if limits.mission_enabled else picture
+
+
+def carried(picture: Picture, record: Record, state: CarriedState) -> Picture:
+    """Take over the mission that was under way in the air as the flight began."""
+    if not state.HasField("mission"):
+        return picture
+    mission, because = state.mission, "the flight before ended in the air: it goes on"
+    known = _planned(picture, record, mission.plan)
+    return _with(known, state=mission.chart_state, because=because, next_item=mission.next_item)
 
 
 def _with(picture: Picture, **changes: Any) -> Picture:

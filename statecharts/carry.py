@@ -11,6 +11,7 @@ from events.schema.state_pb2 import (
     CarriedFence,
     CarriedIgnored,
     CarriedList,
+    CarriedMission,
     CarriedNonce,
     CarriedObject,
     CarriedOrder,
@@ -19,7 +20,8 @@ from events.schema.state_pb2 import (
     CarriedState,
 )
 from statecharts.charts.command import FINAL
-from statecharts.facts import Order
+from statecharts.charts.mission import IN_THE_AIR
+from statecharts.facts import Mission, Order
 from statecharts.state import State
 
 NS_PER_MS = 1_000_000
@@ -59,9 +61,10 @@ def carry_over(state: State, now_ns: int) -> CarriedState:
         unanswered=[_owed(order) for key, order in state.orders.items() if _is_owed(state, key, order)],
     )
     _carry_trust(state, carried)
-    for mission in state.missions.values():
+    for number, mission in state.missions.items():
         if mission.flown_revision:
             carried.flown_revision = mission.flown_revision
+        _carry_mission(state, carried, number, mission)
     _carry_safety(state, carried, now_ns)
     if state.origin.value is not None:
         carried.origin.CopyFrom(state.origin.value.place)
@@ -75,6 +78,29 @@ def _carry_trust(state: State, carried: CarriedState) -> None:
     carried.epoch_id, carried.root_version = trusted.epoch_id, trusted.root_version
     carried.time_floor_ms = trusted.time_floor_ms
     carried.list_behind, carried.root_behind = trusted.list_behind, trusted.root_behind
+
+
+def _carry_mission(state: State, carried: CarriedState, number: int, mission: Mission) -> None:
+    """Carry a mission that is under way in the air; one on the ground begins anew, by an order where one is needed."""
+    plan, vehicle = state.plans.get(number), state.vehicles.get(number)
+    under_way = mission.flown and mission.state in IN_THE_AIR
+    if plan is None or vehicle is None or not (under_way and vehicle.armed):
+        return
+    one = CarriedMission(
+        vehicle=number,
+        chart_state=mission.state,
+        tries=mission.tries,
+        begun=mission.begun,
+        next_item=mission.next_item,
+        plan=plan,
+        held=mission.held_seq > mission.plan_seq,
+        entered_mode=mission.entered_mode,  # type: ignore[arg-type]
+        vehicle_mode=vehicle.flight_mode,  # type: ignore[arg-type]
+    )
+    one.plan.effect_seq = 0
+    if mission.middle_item >= 0 and mission.middle_seq == plan.effect_seq:
+        one.middle_item, one.middle_ahead = mission.middle_item, mission.middle_ahead
+    carried.mission.CopyFrom(one)
 
 
 def _carry_safety(state: State, carried: CarriedState, now_ns: int) -> None:

@@ -289,6 +289,7 @@ class Mission(NamedTuple):
 
     state: str = "idle"
     tries: int = 0  # how often the present step was begun again
+    refusal: str = ""  # why the vehicle refused the present step; "" where it did not
     effect_seq: int = -1  # the newest effect, whose outcome the present step waits for
     begun: bool = False  # somebody ordered it to begin
     flown: bool = False  # it was under way in the air
@@ -297,4 +298,6 @@ class Mission(NamedTuple):
     entered_mode: int = 0  # FlightMode of the vehicle when the present state was entered
     next_item: int = 0  # index in the plan of the first item that is not behind the vehicle
     middle_item: int = -1  # index in the plan of the waypoint that was asked for in the middle; -1: none
+    middle_seq: int = -1  # the effect that asked for it, which the plan that has it names
+    middle_ahead: bool = False  # by that plan, which the vehicle holds, it was seen not to be behind the vehicle
     flown_revision: str = ""  # what was flown to its end: it does not begin a second time by itself

@@ -2,6 +2,20 @@
 
 from __future__ import annotations
 
+MAV_RESULTS = {
+    0: "MAV_RESULT_ACCEPTED",
+    1: "MAV_RESULT_TEMPORARILY_REJECTED",
+    2: "MAV_RESULT_DENIED",
+    3: "MAV_RESULT_UNSUPPORTED",
+    4: "MAV_RESULT_FAILED",
+    5: "MAV_RESULT_IN_PROGRESS",
+    6: "MAV_RESULT_CANCELLED",
+    7: "MAV_RESULT_COMMAND_LONG_ONLY",
+    8: "MAV_RESULT_COMMAND_INT_ONLY",
+    9: "MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME",
+    10: "MAV_RESULT_NOT_IN_CONTROL",
+}
+
 
 def degrees(angle_cdeg: int) -> str:
     """Return an angle of 0.01 degrees as degrees without zeros that say nothing: -9000 is "-90", 4550 is "45.5"."""

@@ -154,14 +154,16 @@ def _pushed(records: Sequence[Record], plain: list[str], named: Mapping[str, str
     return took
 
 
-def _plan(named: Mapping[str, str]) -> Message:
+def _plan(records: Sequence[Record], named: Mapping[str, str]) -> Message:
+    """Return a plan of the newest effect that asked for one, unless `of` says otherwise."""
     given = {key: named[key] for key in ("items",) if key in named}
-    return planned(named.get("rev", "a"), fixed_wing="wing" in named, **given)
+    asked = int(named["of"]) if "of" in named else newest(records, "fetch_mission", "post_waypoint")
+    return planned(named.get("rev", "a"), fixed_wing="wing" in named, effect_seq=asked, **given)
 
 
 Reader = Callable[[Sequence[Record], list[str], dict[str, str]], Message]
 READERS: dict[str, Reader] = {
-    "planned": lambda _, __, named: _plan(named),
+    "planned": lambda records, _, named: _plan(records, named),
     "no-mission": lambda _, __, named: MissionUnavailable(because="gone", attempts=1, final="final" in named),
     "report": lambda records, plain, _: reported(records, plain[0] if plain else ""),
     "report-of": lambda _, plain, __: SelftestReported(

@@ -53,6 +53,7 @@ WHOLE_NUMBERS = {  # ids, numbers that others assign, and counts: they have no u
     *("system_id", "component_id", "autopilot", "vehicle_type", "custom_mode", "landed_state", "mav_result", "h3_cell"),
     *("command", "mav_mission_result", "opaque_id", "report_id", "mission_tries"),
     *("item", "items", "before_item", "current_item", "reached_item", "breakpoints"),
+    *("next_item", "middle_item", "tries"),
     *(
         "count",
         "size",

@@ -1,13 +1,14 @@
 """Large inputs beside the log: what a record names by its SHA-256 lies in the open flight's `evidence/`.
 
 A flight replays without them; they are for people. The newest is written into the next flight's folder too, for what it
-says is still in force there.
+says is still in force there; by `hand_over` where a mission goes on in the air and another process kept its file.
 """
 
 from __future__ import annotations
 
 import os
 import tempfile
+from hashlib import sha256
 from pathlib import Path
 
 EVIDENCE = "evidence"
@@ -44,6 +45,19 @@ class Attachments:
         if not path.exists():
             _write(path, data)
         self._newest = (name, data)
+
+
+def hand_over(before: Path, after: Path, name: str) -> None:
+    """Copy a file of one flight's folder into the next one's; one that can't be had whole is left out."""
+    try:
+        target = after / EVIDENCE / name
+        data = (before / EVIDENCE / name).read_bytes()
+        if sha256(data).hexdigest() != name:
+            return
+        target.parent.mkdir(mode=0o700, exist_ok=True)
+        _write(target, data)
+    except OSError:
+        return
 
 
 def _write(path: Path, data: bytes) -> None:

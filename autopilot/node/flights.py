@@ -27,6 +27,7 @@ from pathlib import Path
 from google.protobuf.message import Message
 
 from autopilot.node.arming import Arming
+from autopilot.node.attachments import hand_over
 from autopilot.node.clock import FlightClock, read_clocks
 from autopilot.node.joining import NO_OUTAGE, Outage, is_same_boot, outage
 from autopilot.node.restoring import Keeper, Resuming
@@ -230,6 +231,8 @@ class Flights:
             remove_begun(flight)
             raise
         if before is not None:
+            if carried.HasField("mission"):
+                hand_over(before.flight.folder, flight.folder, carried.mission.plan.json_sha256.hex())
             before.store.close()
         return session
 

@@ -24,7 +24,10 @@ class MissionSection(Section):
     )
     tries: int = Field(3, ge=1, le=20, description="A step is tried so often; then the mission is paused.")
     step_s: float = Field(
-        15, ge=1, le=300, description="A step that shows no effect is tried again after this: arming takes up to 10 s."
+        15,
+        ge=1,
+        le=300,
+        description="A step that is refused, or shows no effect, is tried again after this: arming takes up to 10 s.",
     )
     acknowledge_s: float = Field(
         300, ge=1, le=86_400, description="A degraded self-test fails when nobody takes it on within this."

@@ -31,6 +31,7 @@ class Unkind:
     stream_lost: float = 0.0
     only_long: bool = False  # COMMAND_INT is answered LONG_ONLY
     only_int: bool = False  # COMMAND_LONG is answered INT_ONLY
+    unknown: tuple[int, ...] = ()  # MAV_CMD that it doesn't know
     frames_refused: tuple[int, ...] = ()  # MAV_FRAME that a COMMAND_INT can't have
 
 

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import common as dialect
 from autopilot.geo import LocalFrame
 from autopilot.sim import personality_ardupilot, personality_px4
 from autopilot.sim.aircraft import COMPONENT, HOME, SYSTEM, command_of
-from autopilot.sim.answers import ACCEPTED, DENIED, FAILED, Command, Desk
+from autopilot.sim.answers import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Command, Desk
 from autopilot.sim.flight import STEP_S, FixedWing, Multirotor
 from autopilot.sim.flying import Flight
 from autopilot.sim.gimbal import Angles, Gimbal
@@ -193,7 +193,7 @@ class Vehicle:
 
     def _command(self, peer: Address, message: Any) -> None:
         command = command_of(message)
-        result = form_refused(self.unkind, command.frame)
+        result = UNSUPPORTED if command.command in self.unkind.unknown else form_refused(self.unkind, command.frame)
         if result is None:
             result = self._without_gimbal(command)
         if result is None:

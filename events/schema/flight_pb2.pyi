@@ -243,7 +243,7 @@ class Limits(_message.Message):
     mission_tries: _builtins.int
     """How often a step of the mission is tried before the mission is paused."""
     mission_step_ms: _builtins.int
-    """How long a step of the mission may take before it is tried again, in milliseconds."""
+    """How long a step of the mission may take before it is tried again, refused or not, in milliseconds."""
     selftest_acknowledge_ms: _builtins.int
     """How long somebody may take to take on a degraded self-test, in milliseconds."""
     override_longest_ms: _builtins.int

@@ -23,36 +23,39 @@ _sym_db = _symbol_database.Default()
 
 
 from events.schema import common_pb2 as events_dot_schema_dot_common__pb2
+from events.schema import mission_pb2 as events_dot_schema_dot_mission__pb2
 from events.schema import safety_pb2 as events_dot_schema_dot_safety__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19\x65vents/schema/state.proto\x12\x13\x61utopilot.events.v1\x1a\x1a\x65vents/schema/common.proto\x1a\x1a\x65vents/schema/safety.proto\"\x97\x01\n\x0c\x43\x61rriedOrder\x12\x14\n\x0cprincipal_id\x18\x01 \x01(\t\x12\x12\n\ncommand_id\x18\x02 \x01(\t\x12\x13\n\x0b\x62ody_digest\x18\x03 \x01(\x0c\x12\x13\n\x0b\x63hart_state\x18\x04 \x01(\t\x12\x0e\n\x06\x64\x65tail\x18\x05 \x01(\t\x12\x12\n\nmav_result\x18\x06 \x01(\r\x12\x0f\n\x07keep_ms\x18\x07 \x01(\x04\"E\n\x0c\x43\x61rriedNonce\x12\x15\n\rdevice_key_id\x18\x01 \x01(\x0c\x12\r\n\x05nonce\x18\x02 \x01(\x0c\x12\x0f\n\x07keep_ms\x18\x03 \x01(\x04\";\n\x0f\x43\x61rriedOrderSeq\x12\x15\n\rdevice_key_id\x18\x01 \x01(\x0c\x12\x11\n\torder_seq\x18\x02 \x01(\x04\"\x9d\x01\n\rCarriedObject\x12\x0e\n\x06number\x18\x01 \x01(\r\x12\x12\n\nclass_name\x18\x02 \x01(\t\x12\x13\n\x0b\x63lass_group\x18\x03 \x01(\t\x12)\n\x05place\x18\x04 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x15\n\rconfidence_e4\x18\x05 \x01(\r\x12\x11\n\tsightings\x18\x06 \x01(\r\"\x85\x01\n\x0e\x43\x61rriedIgnored\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x13\n\x0b\x63lass_group\x18\x02 \x01(\t\x12)\n\x05place\x18\x03 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x14\n\x0cprincipal_id\x18\x04 \x01(\t\x12\r\n\x05muted\x18\x05 \x01(\r\"K\n\nCarriedAck\x12\x12\n\ncommand_id\x18\x01 \x01(\t\x12\x14\n\x0cprincipal_id\x18\x02 \x01(\t\x12\x13\n\x0bin_reply_to\x18\x03 \x01(\x0c\"C\n\x0b\x43\x61rriedList\x12\x0e\n\x06key_id\x18\x01 \x01(\x0c\x12\x14\n\x0clist_version\x18\x02 \x01(\x04\x12\x0e\n\x06\x64igest\x18\x03 \x01(\x0c\"2\n\rCarriedCorner\x12\x0f\n\x07\x65\x61st_mm\x18\x01 \x01(\x12\x12\x10\n\x08north_mm\x18\x02 \x01(\x12\"V\n\x0c\x43\x61rriedFence\x12\x11\n\tinclusion\x18\x01 \x01(\x08\x12\x33\n\x07\x63orners\x18\x02 \x03(\x0b\x32\".autopilot.events.v1.CarriedCorner\"\xb2\x01\n\x0f\x43\x61rriedOverride\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x31\n\x05scope\x18\x02 \x01(\x0e\x32\".autopilot.events.v1.OverrideScope\x12\x14\n\x0cprincipal_id\x18\x03 \x01(\t\x12\x10\n\x08\x63\x61llsign\x18\x04 \x01(\t\x12\x12\n\ncommand_id\x18\x05 \x01(\t\x12\x0e\n\x06reason\x18\x06 \x01(\t\x12\x0f\n\x07left_ms\x18\x07 \x01(\x04\"\x98\x05\n\x0c\x43\x61rriedState\x12\x31\n\x06orders\x18\x01 \x03(\x0b\x32!.autopilot.events.v1.CarriedOrder\x12\x31\n\x06nonces\x18\x02 \x03(\x0b\x32!.autopilot.events.v1.CarriedNonce\x12\x38\n\norder_seqs\x18\x03 \x03(\x0b\x32$.autopilot.events.v1.CarriedOrderSeq\x12\x33\n\x07objects\x18\x04 \x03(\x0b\x32\".autopilot.events.v1.CarriedObject\x12\x34\n\x07ignored\x18\x05 \x03(\x0b\x32#.autopilot.events.v1.CarriedIgnored\x12*\n\x06origin\x18\x06 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x33\n\nunanswered\x18\x07 \x03(\x0b\x32\x1f.autopilot.events.v1.CarriedAck\x12/\n\x05lists\x18( \x03(\x0b\x32 .autopilot.events.v1.CarriedList\x12\x10\n\x08\x65poch_id\x18) \x01(\x04\x12\x14\n\x0croot_version\x18* \x01(\x04\x12\x15\n\rtime_floor_ms\x18+ \x01(\x04\x12\x13\n\x0blist_behind\x18, \x01(\x08\x12\x13\n\x0broot_behind\x18- \x01(\x08\x12\x16\n\x0e\x66lown_revision\x18\x32 \x01(\t\x12\x31\n\x06\x66\x65nces\x18< \x03(\x0b\x32!.autopilot.events.v1.CarriedFence\x12\x37\n\toverrides\x18= \x03(\x0b\x32$.autopilot.events.v1.CarriedOverrideb\x08\x65\x64itionsp\xe8\x07')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19\x65vents/schema/state.proto\x12\x13\x61utopilot.events.v1\x1a\x1a\x65vents/schema/common.proto\x1a\x1b\x65vents/schema/mission.proto\x1a\x1a\x65vents/schema/safety.proto\"\x97\x01\n\x0c\x43\x61rriedOrder\x12\x14\n\x0cprincipal_id\x18\x01 \x01(\t\x12\x12\n\ncommand_id\x18\x02 \x01(\t\x12\x13\n\x0b\x62ody_digest\x18\x03 \x01(\x0c\x12\x13\n\x0b\x63hart_state\x18\x04 \x01(\t\x12\x0e\n\x06\x64\x65tail\x18\x05 \x01(\t\x12\x12\n\nmav_result\x18\x06 \x01(\r\x12\x0f\n\x07keep_ms\x18\x07 \x01(\x04\"E\n\x0c\x43\x61rriedNonce\x12\x15\n\rdevice_key_id\x18\x01 \x01(\x0c\x12\r\n\x05nonce\x18\x02 \x01(\x0c\x12\x0f\n\x07keep_ms\x18\x03 \x01(\x04\";\n\x0f\x43\x61rriedOrderSeq\x12\x15\n\rdevice_key_id\x18\x01 \x01(\x0c\x12\x11\n\torder_seq\x18\x02 \x01(\x04\"\x9d\x01\n\rCarriedObject\x12\x0e\n\x06number\x18\x01 \x01(\r\x12\x12\n\nclass_name\x18\x02 \x01(\t\x12\x13\n\x0b\x63lass_group\x18\x03 \x01(\t\x12)\n\x05place\x18\x04 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x15\n\rconfidence_e4\x18\x05 \x01(\r\x12\x11\n\tsightings\x18\x06 \x01(\r\"\x85\x01\n\x0e\x43\x61rriedIgnored\x12\x0e\n\x06poi_id\x18\x01 \x01(\t\x12\x13\n\x0b\x63lass_group\x18\x02 \x01(\t\x12)\n\x05place\x18\x03 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x14\n\x0cprincipal_id\x18\x04 \x01(\t\x12\r\n\x05muted\x18\x05 \x01(\r\"K\n\nCarriedAck\x12\x12\n\ncommand_id\x18\x01 \x01(\t\x12\x14\n\x0cprincipal_id\x18\x02 \x01(\t\x12\x13\n\x0bin_reply_to\x18\x03 \x01(\x0c\"C\n\x0b\x43\x61rriedList\x12\x0e\n\x06key_id\x18\x01 \x01(\x0c\x12\x14\n\x0clist_version\x18\x02 \x01(\x04\x12\x0e\n\x06\x64igest\x18\x03 \x01(\x0c\"2\n\rCarriedCorner\x12\x0f\n\x07\x65\x61st_mm\x18\x01 \x01(\x12\x12\x10\n\x08north_mm\x18\x02 \x01(\x12\"V\n\x0c\x43\x61rriedFence\x12\x11\n\tinclusion\x18\x01 \x01(\x08\x12\x33\n\x07\x63orners\x18\x02 \x03(\x0b\x32\".autopilot.events.v1.CarriedCorner\"\xb2\x01\n\x0f\x43\x61rriedOverride\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x31\n\x05scope\x18\x02 \x01(\x0e\x32\".autopilot.events.v1.OverrideScope\x12\x14\n\x0cprincipal_id\x18\x03 \x01(\t\x12\x10\n\x08\x63\x61llsign\x18\x04 \x01(\t\x12\x12\n\ncommand_id\x18\x05 \x01(\t\x12\x0e\n\x06reason\x18\x06 \x01(\t\x12\x0f\n\x07left_ms\x18\x07 \x01(\x04\"\xc1\x02\n\x0e\x43\x61rriedMission\x12\x0f\n\x07vehicle\x18\x01 \x01(\r\x12\x13\n\x0b\x63hart_state\x18\x02 \x01(\t\x12\r\n\x05tries\x18\x03 \x01(\r\x12\r\n\x05\x62\x65gun\x18\x04 \x01(\x08\x12\x11\n\tnext_item\x18\x05 \x01(\r\x12\x13\n\x0bmiddle_item\x18\x06 \x01(\r\x12\x14\n\x0cmiddle_ahead\x18\x07 \x01(\x08\x12\x31\n\x04plan\x18\x08 \x01(\x0b\x32#.autopilot.events.v1.MissionPlanned\x12\x0c\n\x04held\x18\t \x01(\x08\x12\x35\n\x0c\x65ntered_mode\x18\n \x01(\x0e\x32\x1f.autopilot.events.v1.FlightMode\x12\x35\n\x0cvehicle_mode\x18\x0b \x01(\x0e\x32\x1f.autopilot.events.v1.FlightMode\"\xce\x05\n\x0c\x43\x61rriedState\x12\x31\n\x06orders\x18\x01 \x03(\x0b\x32!.autopilot.events.v1.CarriedOrder\x12\x31\n\x06nonces\x18\x02 \x03(\x0b\x32!.autopilot.events.v1.CarriedNonce\x12\x38\n\norder_seqs\x18\x03 \x03(\x0b\x32$.autopilot.events.v1.CarriedOrderSeq\x12\x33\n\x07objects\x18\x04 \x03(\x0b\x32\".autopilot.events.v1.CarriedObject\x12\x34\n\x07ignored\x18\x05 \x03(\x0b\x32#.autopilot.events.v1.CarriedIgnored\x12*\n\x06origin\x18\x06 \x01(\x0b\x32\x1a.autopilot.events.v1.Place\x12\x33\n\nunanswered\x18\x07 \x03(\x0b\x32\x1f.autopilot.events.v1.CarriedAck\x12\x34\n\x07mission\x18\x14 \x01(\x0b\x32#.autopilot.events.v1.CarriedMission\x12/\n\x05lists\x18( \x03(\x0b\x32 .autopilot.events.v1.CarriedList\x12\x10\n\x08\x65poch_id\x18) \x01(\x04\x12\x14\n\x0croot_version\x18* \x01(\x04\x12\x15\n\rtime_floor_ms\x18+ \x01(\x04\x12\x13\n\x0blist_behind\x18, \x01(\x08\x12\x13\n\x0broot_behind\x18- \x01(\x08\x12\x16\n\x0e\x66lown_revision\x18\x32 \x01(\t\x12\x31\n\x06\x66\x65nces\x18< \x03(\x0b\x32!.autopilot.events.v1.CarriedFence\x12\x37\n\toverrides\x18= \x03(\x0b\x32$.autopilot.events.v1.CarriedOverrideb\x08\x65\x64itionsp\xe8\x07')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'events.schema.state_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_CARRIEDORDER']._serialized_start=107
-  _globals['_CARRIEDORDER']._serialized_end=258
-  _globals['_CARRIEDNONCE']._serialized_start=260
-  _globals['_CARRIEDNONCE']._serialized_end=329
-  _globals['_CARRIEDORDERSEQ']._serialized_start=331
-  _globals['_CARRIEDORDERSEQ']._serialized_end=390
-  _globals['_CARRIEDOBJECT']._serialized_start=393
-  _globals['_CARRIEDOBJECT']._serialized_end=550
-  _globals['_CARRIEDIGNORED']._serialized_start=553
-  _globals['_CARRIEDIGNORED']._serialized_end=686
-  _globals['_CARRIEDACK']._serialized_start=688
-  _globals['_CARRIEDACK']._serialized_end=763
-  _globals['_CARRIEDLIST']._serialized_start=765
-  _globals['_CARRIEDLIST']._serialized_end=832
-  _globals['_CARRIEDCORNER']._serialized_start=834
-  _globals['_CARRIEDCORNER']._serialized_end=884
-  _globals['_CARRIEDFENCE']._serialized_start=886
-  _globals['_CARRIEDFENCE']._serialized_end=972
-  _globals['_CARRIEDOVERRIDE']._serialized_start=975
-  _globals['_CARRIEDOVERRIDE']._serialized_end=1153
-  _globals['_CARRIEDSTATE']._serialized_start=1156
-  _globals['_CARRIEDSTATE']._serialized_end=1820
+  _globals['_CARRIEDORDER']._serialized_start=136
+  _globals['_CARRIEDORDER']._serialized_end=287
+  _globals['_CARRIEDNONCE']._serialized_start=289
+  _globals['_CARRIEDNONCE']._serialized_end=358
+  _globals['_CARRIEDORDERSEQ']._serialized_start=360
+  _globals['_CARRIEDORDERSEQ']._serialized_end=419
+  _globals['_CARRIEDOBJECT']._serialized_start=422
+  _globals['_CARRIEDOBJECT']._serialized_end=579
+  _globals['_CARRIEDIGNORED']._serialized_start=582
+  _globals['_CARRIEDIGNORED']._serialized_end=715
+  _globals['_CARRIEDACK']._serialized_start=717
+  _globals['_CARRIEDACK']._serialized_end=792
+  _globals['_CARRIEDLIST']._serialized_start=794
+  _globals['_CARRIEDLIST']._serialized_end=861
+  _globals['_CARRIEDCORNER']._serialized_start=863
+  _globals['_CARRIEDCORNER']._serialized_end=913
+  _globals['_CARRIEDFENCE']._serialized_start=915
+  _globals['_CARRIEDFENCE']._serialized_end=1001
+  _globals['_CARRIEDOVERRIDE']._serialized_start=1004
+  _globals['_CARRIEDOVERRIDE']._serialized_end=1182
+  _globals['_CARRIEDMISSION']._serialized_start=1185
+  _globals['_CARRIEDMISSION']._serialized_end=1506
+  _globals['_CARRIEDSTATE']._serialized_start=1509
+  _globals['_CARRIEDSTATE']._serialized_end=2227
 # @@protoc_insertion_point(module_scope)

@@ -5,6 +5,7 @@ isort:skip_file
 
 from collections import abc as _abc
 from events.schema import common_pb2 as _common_pb2
+from events.schema import mission_pb2 as _mission_pb2
 from events.schema import safety_pb2 as _safety_pb2
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
@@ -367,6 +368,72 @@ class CarriedOverride(_message.Message):
 Global___CarriedOverride: _TypeAlias = CarriedOverride  # noqa: Y015
 
 @_typing.final
+class CarriedMission(_message.Message):
+    """A mission that was under way in the air where a flight begins there: it goes on where it was. What it means is
+    carried, not seqs of the flight before.
+    """
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VEHICLE_FIELD_NUMBER: _builtins.int
+    CHART_STATE_FIELD_NUMBER: _builtins.int
+    TRIES_FIELD_NUMBER: _builtins.int
+    BEGUN_FIELD_NUMBER: _builtins.int
+    NEXT_ITEM_FIELD_NUMBER: _builtins.int
+    MIDDLE_ITEM_FIELD_NUMBER: _builtins.int
+    MIDDLE_AHEAD_FIELD_NUMBER: _builtins.int
+    PLAN_FIELD_NUMBER: _builtins.int
+    HELD_FIELD_NUMBER: _builtins.int
+    ENTERED_MODE_FIELD_NUMBER: _builtins.int
+    VEHICLE_MODE_FIELD_NUMBER: _builtins.int
+    vehicle: _builtins.int
+    """Vehicle number, from 1. It was armed when it was last heard."""
+    chart_state: _builtins.str
+    """State of the mission chart."""
+    tries: _builtins.int
+    """How often the present step was begun again."""
+    begun: _builtins.bool
+    """Somebody ordered it to begin."""
+    next_item: _builtins.int
+    """Index in the plan's items of the first one that is not behind the vehicle."""
+    middle_item: _builtins.int
+    """Index in the plan's items of the waypoint that was asked for in the middle, and is in this plan; absent: none."""
+    middle_ahead: _builtins.bool
+    """By this plan, which the vehicle holds, that waypoint was seen not to be behind the vehicle."""
+    held: _builtins.bool
+    """The vehicle holds this plan, read back."""
+    entered_mode: _safety_pb2.FlightMode.ValueType
+    """Mode of the vehicle when the present state was entered; absent: none of these."""
+    vehicle_mode: _safety_pb2.FlightMode.ValueType
+    """Mode of the vehicle, as it was last told; absent: none of these."""
+    @_builtins.property
+    def plan(self) -> _mission_pb2.MissionPlanned:
+        """The plan. Its effect_seq is 0: the effect was the flight before's."""
+
+    def __init__(
+        self,
+        *,
+        vehicle: _builtins.int | None = ...,
+        chart_state: _builtins.str | None = ...,
+        tries: _builtins.int | None = ...,
+        begun: _builtins.bool | None = ...,
+        next_item: _builtins.int | None = ...,
+        middle_item: _builtins.int | None = ...,
+        middle_ahead: _builtins.bool | None = ...,
+        plan: _mission_pb2.MissionPlanned | None = ...,
+        held: _builtins.bool | None = ...,
+        entered_mode: _safety_pb2.FlightMode.ValueType | None = ...,
+        vehicle_mode: _safety_pb2.FlightMode.ValueType | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["begun", b"begun", "chart_state", b"chart_state", "entered_mode", b"entered_mode", "held", b"held", "middle_ahead", b"middle_ahead", "middle_item", b"middle_item", "next_item", b"next_item", "plan", b"plan", "tries", b"tries", "vehicle", b"vehicle", "vehicle_mode", b"vehicle_mode"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["begun", b"begun", "chart_state", b"chart_state", "entered_mode", b"entered_mode", "held", b"held", "middle_ahead", b"middle_ahead", "middle_item", b"middle_item", "next_item", b"next_item", "plan", b"plan", "tries", b"tries", "vehicle", b"vehicle", "vehicle_mode", b"vehicle_mode"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CarriedMission: _TypeAlias = CarriedMission  # noqa: Y015
+
+@_typing.final
 class CarriedState(_message.Message):
     """What outlives a flight (design: carry_over)."""
 
@@ -379,6 +446,7 @@ class CarriedState(_message.Message):
     IGNORED_FIELD_NUMBER: _builtins.int
     ORIGIN_FIELD_NUMBER: _builtins.int
     UNANSWERED_FIELD_NUMBER: _builtins.int
+    MISSION_FIELD_NUMBER: _builtins.int
     LISTS_FIELD_NUMBER: _builtins.int
     EPOCH_ID_FIELD_NUMBER: _builtins.int
     ROOT_VERSION_FIELD_NUMBER: _builtins.int
@@ -429,6 +497,10 @@ class CarriedState(_message.Message):
         """Orders whose answer is still owed."""
 
     @_builtins.property
+    def mission(self) -> Global___CarriedMission:
+        """The mission that is under way in the air; absent where the vehicle was disarmed, or none was under way."""
+
+    @_builtins.property
     def lists(self) -> _containers.RepeatedCompositeFieldContainer[Global___CarriedList]:
         """Newest revocation lists, one a key."""
 
@@ -450,6 +522,7 @@ class CarriedState(_message.Message):
         ignored: _abc.Iterable[Global___CarriedIgnored] | None = ...,
         origin: _common_pb2.Place | None = ...,
         unanswered: _abc.Iterable[Global___CarriedAck] | None = ...,
+        mission: Global___CarriedMission | None = ...,
         lists: _abc.Iterable[Global___CarriedList] | None = ...,
         epoch_id: _builtins.int | None = ...,
         root_version: _builtins.int | None = ...,
@@ -460,9 +533,9 @@ class CarriedState(_message.Message):
         fences: _abc.Iterable[Global___CarriedFence] | None = ...,
         overrides: _abc.Iterable[Global___CarriedOverride] | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "fences", b"fences", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "overrides", b"overrides", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "fences", b"fences", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "mission", b"mission", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "overrides", b"overrides", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "fences", b"fences", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "overrides", b"overrides", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["epoch_id", b"epoch_id", "fences", b"fences", "flown_revision", b"flown_revision", "ignored", b"ignored", "list_behind", b"list_behind", "lists", b"lists", "mission", b"mission", "nonces", b"nonces", "objects", b"objects", "order_seqs", b"order_seqs", "orders", b"orders", "origin", b"origin", "overrides", b"overrides", "root_behind", b"root_behind", "root_version", b"root_version", "time_floor_ms", b"time_floor_ms", "unanswered", b"unanswered"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -33,6 +33,7 @@ from statecharts.facts import Order, order_key
 from statecharts.part import Part
 from statecharts.state import State
 from statecharts.table import Answer, Row, moved
+from statecharts.words import MAV_RESULTS
 
 VEHICLE = 1
 RESULTS: dict[str, orders_pb2.AckResult.ValueType] = {
@@ -46,19 +47,6 @@ STAGES: dict[str, orders_pb2.AckStage.ValueType] = {
     "intended": orders_pb2.ACK_STAGE_RECEIVED,
     "sent": orders_pb2.ACK_STAGE_SENT,
     "in_progress": orders_pb2.ACK_STAGE_IN_PROGRESS,
-}
-MAV_RESULTS = {
-    0: "MAV_RESULT_ACCEPTED",
-    1: "MAV_RESULT_TEMPORARILY_REJECTED",
-    2: "MAV_RESULT_DENIED",
-    3: "MAV_RESULT_UNSUPPORTED",
-    4: "MAV_RESULT_FAILED",
-    5: "MAV_RESULT_IN_PROGRESS",
-    6: "MAV_RESULT_CANCELLED",
-    7: "MAV_RESULT_COMMAND_LONG_ONLY",
-    8: "MAV_RESULT_COMMAND_INT_ONLY",
-    9: "MAV_RESULT_COMMAND_UNSUPPORTED_MAV_FRAME",
-    10: "MAV_RESULT_NOT_IN_CONTROL",
 }
 assert all(result in MAV_RESULTS for result in MAV_UNSUPPORTED_ALL)
 

@@ -8,10 +8,16 @@ Where a pilot starts it, as always with a fixed wing, the node waits until it se
 air it watches: what the vehicle says of its mode and of its items is what counts, not what it was told. As it begins
 to fly, cameras that nobody holds are turned down as the plan was made for.
 
-A step that asks something of the vehicle goes on only when the answer or the vehicle's own state says so; it is tried
-`mission_tries` times and then the mission is `paused`, for a person to look at. A vehicle that leaves the mission's
-mode was taken by somebody: paused, and nothing is commanded against it. A failsafe is the safety chart's; this chart
-follows it (`returning`). `aborting` asks for the return until the vehicle is seen to comply.
+A step that asks something of the vehicle goes on only when the answer or the vehicle's own state says so. It is tried
+`mission_tries` times, `mission_step_ms` apart whether it was refused or not answered, for what an autopilot refuses
+(its checks before arming) takes time to mend; then the mission is `paused`, for a person to look at. A vehicle that
+leaves the mission's mode was taken by somebody: paused, and nothing is commanded against it. A failsafe is the safety
+chart's; this chart follows it (`returning`). `aborting` asks for the return until the vehicle is seen to comply.
+
+What the vehicle said when it was told to do something else may be said once more by a heartbeat that left before. So a
+vehicle that is paused, or sent back into the mission, is not believed to return, nor to fly the mission, on the word
+that it had said before: it has to be seen in another mode first. One that keeps returning is asked to hold
+`mission_tries` times, and then it is `returning`; at once where a failsafe has it.
 
 While a camera follows a finding, the mission office is asked for a waypoint there; the changed plan is uploaded in the
 air, the vehicle waits at that waypoint (`following`), and goes on behind it when the following ends.
@@ -34,12 +40,15 @@ from statecharts.charts.mission_guards import (
     Facts,
     armed,
     at_middle,
+    back_in_mission,
     by_waypoint,
     disarmed,
     flown_already,
+    followed,
+    goes_home,
+    goes_home_in_air,
     goes_on_trying,
     going_home,
-    going_home_in_air,
     holding,
     holds_plan,
     homeward,
@@ -50,8 +59,10 @@ from statecharts.charts.mission_guards import (
     in_mission_in_air,
     in_mission_or_holding,
     in_mission_with_plan,
+    keeps_returning,
     landed,
     last_try,
+    lingers,
     may_begin,
     off,
     outward,
@@ -61,6 +72,7 @@ from statecharts.charts.mission_guards import (
     taken,
     tested,
     tested_and_begun,
+    was_refused,
 )
 from statecharts.table import Chart, Row, ignore, move
 
@@ -79,6 +91,8 @@ MAY_BEGIN = ("linking", "checking", "selftest", "ready", "done", "aborted")
 MAY_PAUSE = ("uploading", "readying", "arming", "engaging", "starting", "flying", "following", "returning")
 MAY_RESUME = ("paused",)
 OVER = ("idle", "landed", "syncing", "done", "aborting", "aborted")
+# States of a mission that is under way in the air, which a flight hands over where the next one begins there.
+IN_THE_AIR = ("uploading", "engaging", "flying", "following", "paused", "returning", "aborting")
 
 
 _NOT_NOW = {
@@ -113,10 +127,15 @@ def _whole(*rows: Row[Facts]) -> tuple[Row[Facts], ...]:
     return (*rows, *(ignore(state, trigger, _NOT_NOW[trigger]) for state, trigger in empty))
 
 
-def _tried(source: str, trigger: str, because: str) -> tuple[Row[Facts], ...]:
+def _tried(source: str, no: str, because: str, silence: str) -> tuple[Row[Facts], ...]:
+    """Return what becomes of a step that is refused by the trigger `no`, or of which nothing comes in its time."""
+    often = "as often as it may be tried"
     return (
-        move(source, trigger, "paused", f"{because}, as often as it may be tried", last_try, band=5),
-        move(source, trigger, source, f"{because}: tried again", band=6),
+        move(source, no, "paused", f"{because}, {often}", last_try, band=5),
+        ignore(source, no, f"{because}: tried again when its time is over", band=6),
+        move(source, "time_passed", "paused", f"{silence}, {often}", last_try, band=5),
+        move(source, "time_passed", source, f"{because}: tried again", was_refused, band=6),
+        move(source, "time_passed", source, f"{silence}: tried again", band=7),
     )
 
 
@@ -127,8 +146,7 @@ def _heard_again(source: str) -> tuple[Row[Facts], ...]:
 def _step(source: str) -> tuple[Row[Facts], ...]:
     """Return what every step has in common that asks something of a vehicle which has not taken off."""
     return (
-        *_tried(source, "refused", "the vehicle refused"),
-        *_tried(source, "time_passed", "nothing came of it"),
+        *_tried(source, "refused", "the vehicle did not do it", "nothing came of it"),
         *_heard_again(source),
         move(source, "pause", "paused", "an operator pauses it"),
         move(source, "abort", "aborting", "an operator aborts it", armed, band=1),
@@ -160,7 +178,7 @@ def _while_not_looked_at(source: str) -> tuple[Row[Facts], ...]:
     """Return what the vehicle may do by itself while the node is busy with its plan."""
     return (
         move(source, "reported", "landed", "disarmed", landed, band=1),
-        move(source, "reported", "returning", "the vehicle goes home by itself", going_home, band=2),
+        move(source, "reported", "returning", "the vehicle goes home by itself", goes_home, band=2),
         move(source, "reported", "paused", "somebody took the vehicle out of the mission", taken, band=3),
         ignore(source, "reported", "its plan comes first", band=4),
     )
@@ -205,8 +223,7 @@ CHART: Chart[Facts] = Chart(
         ),
         move("uploading", "uploaded", "paused", "armed already: somebody has it", armed, band=3),
         move("uploading", "uploaded", "readying", "the vehicle has the plan, read back", band=4),
-        *_tried("uploading", "upload_failed", "the vehicle did not take the plan"),
-        *_tried("uploading", "time_passed", "no word of the upload"),
+        *_tried("uploading", "upload_failed", "the vehicle did not take the plan", "no word of the upload"),
         *_heard_again("uploading"),
         move("uploading", "node_started", "ready", _AGAIN, disarmed, band=1),
         ignore("uploading", "node_started", "armed: it is asked again when the vehicle is heard", band=2),
@@ -235,7 +252,7 @@ CHART: Chart[Facts] = Chart(
         *_step("engaging"),
         move("engaging", "reported", "landed", "disarmed", landed, band=1),
         move("engaging", "reported", "paused", "disarmed before it began", disarmed, band=2),
-        move("engaging", "reported", "returning", "the vehicle goes home by itself", going_home, band=3),
+        move("engaging", "reported", "returning", "the vehicle goes home by itself", goes_home, band=3),
         move("engaging", "reported", "paused", "somebody took the vehicle out of the mission", taken, band=4),
         move("engaging", "reported", "flying", "goes on with the mission", in_mission_in_air, band=5),
         move("engaging", "reported", "starting", "the vehicle is in the mission's mode", in_mission, band=6),
@@ -259,6 +276,9 @@ CHART: Chart[Facts] = Chart(
         *_under_way("following"),
         ignore("following", "reported", "it waits", in_mission_or_holding, band=3),
         move("following", "reported", "paused", "somebody took the vehicle out of the mission", band=4),
+        ignore("following", "node_started", "goes on with what it was at", followed, band=1),
+        move("following", "node_started", "engaging", "nothing is followed in this flight", holds_plan, band=2),
+        move("following", "node_started", "uploading", "nothing is followed in this flight", band=3),
         move("following", "follow_ended", "engaging", "goes on where it left the mission", holds_plan, band=1),
         move("following", "follow_ended", "uploading", "goes on by the changed plan", band=2),
         move("paused", "resume", "engaging", "an operator lets it go on", in_air_with_plan, band=1),
@@ -267,11 +287,12 @@ CHART: Chart[Facts] = Chart(
         move("paused", "resume", "ready", "an operator lets it go on: waits for an order", tested, band=4),
         move("paused", "resume", "checking", "an operator lets it go on", band=5),
         move("paused", "reported", "landed", "disarmed", landed, band=1),
-        move("paused", "reported", "returning", "the vehicle goes home", going_home_in_air, band=2),
-        move("paused", "reported", "flying", "somebody put it back into the mission", in_mission_in_air, band=3),
-        ignore("paused", "reported", "a person has it", band=4),
-        move("paused", "time_passed", "paused", "it does not hold: asked again", in_mission_in_air, band=1),
-        ignore("paused", "time_passed", "it holds, or somebody has it", band=2),
+        move("paused", "reported", "returning", "the vehicle goes home", goes_home_in_air, band=2),
+        move("paused", "reported", "flying", "somebody put it back into the mission", back_in_mission, band=3),
+        ignore("paused", "reported", "a person has it, or it was not seen to stop yet", band=4),
+        move("paused", "time_passed", "returning", "it does not stop returning", keeps_returning, band=1),
+        move("paused", "time_passed", "paused", "it does not hold: asked again", lingers, band=2),
+        ignore("paused", "time_passed", "it holds, or somebody has it", band=3),
         ignore("paused", "failsafe", "its return is seen when the vehicle complies"),
         move("paused", "abort", "aborting", "an operator aborts it", armed, band=1),
         move("paused", "abort", "aborted", "an operator aborts it", band=2),

@@ -23,14 +23,18 @@ class Facts:
     flown_already: bool = False  # this revision was flown, and would begin by itself
     pilot: bool = False  # a pilot arms and starts
     last_try: bool = False  # the present step was begun as often as it may be
+    refused: bool = False  # the vehicle has refused the present step
     final: bool = True  # it is not tried any more: no mission can be had, or not all was pushed
     armed: bool = False
     mode: int = 0  # FlightMode of the vehicle; 0 where it is none that is known
     flown: bool = False  # the mission was under way in the air in this flight
     holds_plan: bool = False  # the vehicle holds the newest plan, read back
     left_mission: bool = False  # it was in the mission's mode when this state was entered, and is no longer
+    lingers: bool = False  # told to leave a mode on entering this state, it was not seen in another yet
+    failsafe: bool = False  # a failsafe demands something of it that nobody holds off
     homeward: bool = False  # the item that the vehicle is at brings it home or down
     at_middle: bool = False  # the vehicle has reached the waypoint that was asked for in the middle
+    followed: bool = False  # a camera follows something
     by_waypoint: bool = False  # what is followed gets a waypoint
     pushes: bool = False  # there is an office that what was seen is pushed to
 
@@ -68,6 +72,11 @@ def goes_on_trying(facts: Facts) -> bool:
 def last_try(facts: Facts) -> bool:
     """The step was begun as often as it may be."""
     return facts.last_try
+
+
+def was_refused(facts: Facts) -> bool:
+    """The vehicle has refused the present step."""
+    return facts.refused
 
 
 def in_air(facts: Facts) -> bool:
@@ -150,9 +159,29 @@ def homeward(facts: Facts) -> bool:
     return facts.homeward
 
 
-def going_home_in_air(facts: Facts) -> bool:
-    """The vehicle says that it returns or lands, and the mission was under way in the air."""
-    return facts.flown and going_home(facts)
+def lingers(facts: Facts) -> bool:
+    """The vehicle was told to leave the mode that it is in, and was not seen in another yet."""
+    return facts.lingers
+
+
+def goes_home(facts: Facts) -> bool:
+    """The vehicle says that it returns or lands, not only still; a failsafe is believed at once."""
+    return going_home(facts) and (facts.failsafe or not facts.lingers)
+
+
+def goes_home_in_air(facts: Facts) -> bool:
+    """The mission was under way in the air, and the vehicle says that it returns or lands, not only still."""
+    return facts.flown and goes_home(facts)
+
+
+def keeps_returning(facts: Facts) -> bool:
+    """The vehicle returns, as often as it was asked to hold, or because a failsafe has it."""
+    return facts.flown and going_home(facts) and (facts.failsafe or facts.last_try)
+
+
+def back_in_mission(facts: Facts) -> bool:
+    """The vehicle says that it flies the mission, not only still, and it had been under way before."""
+    return in_mission_in_air(facts) and not facts.lingers
 
 
 def outward(facts: Facts) -> bool:
@@ -178,3 +207,8 @@ def by_waypoint(facts: Facts) -> bool:
 def pushes(facts: Facts) -> bool:
     """There is a mission office, which what was seen is pushed to."""
     return facts.pushes
+
+
+def followed(facts: Facts) -> bool:
+    """A camera follows something."""
+    return facts.followed

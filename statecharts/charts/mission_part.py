@@ -32,7 +32,15 @@ from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, PointA
 from statecharts.charts.command_flight import failsafe_flies
 from statecharts.charts.mission import CHART
 from statecharts.charts.mission_guards import Facts
-from statecharts.charts.mission_state import EVOLVE, HOMEWARD, VEHICLE, mission
+from statecharts.charts.mission_state import (
+    EVOLVE,
+    HOMEWARD,
+    VEHICLE,
+    has_middle,
+    is_lingering,
+    mission,
+    must_be_stopped,
+)
 from statecharts.charts.selftest import selftest
 from statecharts.facts import Vehicle
 from statecharts.part import Part
@@ -54,7 +62,11 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
     if row.target == row.source == "flying":
         return (moved(CHART, str(VEHICLE), row), _post(state))
     may = row.target in _OF_THE_OFFICE or _may_command(state)
-    return (moved(CHART, str(VEHICLE), row), *(_effects(state, row.target, row.because) if may else ()))
+    effects = _effects(state, row.target, row.because) if may else ()
+    change = moved(CHART, str(VEHICLE), row)
+    if trigger in ("refused", "upload_failed"):
+        change.because += f": {mission(state).refusal}"
+    return (change, *effects)
 
 
 def _may_command(state: State) -> bool:
@@ -136,14 +148,18 @@ def _facts(state: State, record: Record) -> Facts:
         flown_already=begins_alone and not now.begun and plan is not None and plan.revision == now.flown_revision,
         pilot=limits.pilot_starts or (plan is not None and plan.fixed_wing),
         last_try=now.tries + 1 >= limits.mission_tries,
+        refused=bool(now.refusal),
         final=not isinstance(message, MissionUnavailable | PushReported) or message.final,
         armed=vehicle.armed,
         mode=vehicle.flight_mode,
         flown=now.flown,
         holds_plan=now.held_seq > now.plan_seq,
+        lingers=is_lingering(state),
+        failsafe=failsafe_flies(state),
         left_mission=now.entered_mode == FLIGHT_MODE_MISSION != vehicle.flight_mode,
         homeward=item is not None and item.command in HOMEWARD,
-        at_middle=0 <= now.middle_item < now.next_item,
+        at_middle=now.middle_ahead and has_middle(state) and now.middle_item < now.next_item,
+        followed=any(scan.state == "following" for scan in state.scans.values()),
         by_waypoint=limits.follow_by_waypoint and now.middle_item < 0 and item is not None,
         pushes=limits.push_ms > 0,
     )
@@ -174,7 +190,7 @@ def _effects(state: State, target: str, because: str) -> tuple[Message, ...]:
             return _look_down(state)
         case "following":
             return (_mode(FLIGHT_MODE_LOITER, because, life_ms),)
-        case "paused" if _flies_the_mission(state):
+        case "paused" if must_be_stopped(state):
             return (_mode(FLIGHT_MODE_LOITER, because, life_ms),)
         case "aborting":
             return (_mode(FLIGHT_MODE_RETURN, because, life_ms),)
@@ -199,12 +215,6 @@ def _look_down(state: State) -> tuple[Message, ...]:
         )
         for one in free
     )
-
-
-def _flies_the_mission(state: State) -> bool:
-    """Whether the vehicle is where only a command of this node stops it; what somebody took is left alone."""
-    vehicle = state.vehicles.get(VEHICLE) or Vehicle()
-    return vehicle.armed and vehicle.flight_mode in (FLIGHT_MODE_MISSION, FLIGHT_MODE_RETURN)
 
 
 def _mode(mode: FlightMode.ValueType, because: str, life_ms: int) -> SetVehicleMode:

@@ -11,28 +11,48 @@ from events.schema.mission_pb2 import (
     MissionPlanned,
     MissionProgressReported,
     MissionUploaded,
+    MissionUploadFailed,
     PostWaypoint,
     WaypointPosted,
 )
 from events.schema.safety_pb2 import FLIGHT_MODE_LAND, FLIGHT_MODE_MISSION, FLIGHT_MODE_RETURN, SetVehicleMode
-from events.schema.vehicle_pb2 import VehicleLinkChanged, VehicleStateReported
+from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, VehicleLinkChanged, VehicleStateReported
 from statecharts.charts.mission import CHART, MAY_BEGIN
 from statecharts.facts import Mission, Vehicle
 from statecharts.part import Evolve
 from statecharts.state import State
+from statecharts.words import MAV_RESULTS
 
 NS_PER_MS = 1_000_000
 VEHICLE = 1
+_KEY = (CHART.name, str(VEHICLE))  # of the mission's deadline
 # The adapter answers within the life of an effect; this much later the core stops waiting for it.
 OUTCOME_GRACE_MS = 5_000
+GOING_ON = (0, 5)  # MAV_RESULT accepted, in progress
 HOMEWARD = (20, 21)  # MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_NAV_LAND
 ASKING = ("uploading", "readying", "arming", "engaging", "starting", "aborting")  # what waits for the vehicle
 COMPLYING = (FLIGHT_MODE_RETURN, FLIGHT_MODE_LAND)  # what an aborted mission waits for
+OWN_MODES = (FLIGHT_MODE_MISSION, FLIGHT_MODE_RETURN)  # in which only a command of this node stops the vehicle
 
 
 def mission(state: State) -> Mission:
     """Return how far the mission of the vehicle got."""
     return state.missions.get(VEHICLE) or Mission()
+
+
+def is_lingering(state: State) -> bool:
+    """Whether the vehicle was told to leave its mode as this state was entered, and was not seen in another yet.
+
+    While the mission waits for it, that is: after a silence of the vehicle it is believed as it is.
+    """
+    mode = (state.vehicles.get(VEHICLE) or Vehicle()).flight_mode
+    return mode in OWN_MODES and mode == mission(state).entered_mode and _KEY in state.deadlines
+
+
+def must_be_stopped(state: State) -> bool:
+    """Whether the vehicle is where only a command of this node stops it; what somebody took is left alone."""
+    vehicle = state.vehicles.get(VEHICLE) or Vehicle()
+    return vehicle.armed and vehicle.flight_mode in OWN_MODES
 
 
 def _put(state: State, /, **changes: Any) -> None:
@@ -59,6 +79,7 @@ def _uploaded(state: State, record: Record) -> None:
     assert isinstance(uploaded, MissionUploaded)
     if uploaded.effect_seq == mission(state).effect_seq:
         _put(state, held_seq=uploaded.effect_seq)
+        _aim_at_middle(state)
 
 
 def _ask_mode(state: State, record: Record) -> None:
@@ -71,23 +92,51 @@ def _ask_mode(state: State, record: Record) -> None:
 def _post(state: State, record: Record) -> None:
     posted = record.message
     assert isinstance(posted, PostWaypoint)
-    _put(state, middle_item=posted.before_item)
+    _put(state, middle_item=posted.before_item, middle_seq=record.seq, middle_ahead=False)
 
 
 def _posted(state: State, record: Record) -> None:
     posted = record.message
     assert isinstance(posted, WaypointPosted)
-    if posted.failure:
+    if posted.failure and posted.effect_seq == mission(state).middle_seq:
         _put(state, middle_item=-1)
 
 
+def has_middle(state: State) -> bool:
+    """Whether the newest plan is the one that has the waypoint that was asked for in the middle."""
+    plan, now = state.plans.get(VEHICLE), mission(state)
+    return now.middle_item >= 0 and plan is not None and plan.effect_seq == now.middle_seq
+
+
+def _aim_at_middle(state: State) -> None:
+    """Let a vehicle that holds the plan with the waypoint in the middle go there, also where it is past its number.
+
+    Until now the numbers were of the plan before. Where the office was slow the vehicle turns back for it: somebody
+    wants to look at what is there.
+    """
+    now = mission(state)
+    if has_middle(state):
+        ahead = now.next_item <= now.middle_item
+        _put(state, middle_ahead=ahead, next_item=min(now.next_item, now.middle_item))
+
+
 def _progress(state: State, record: Record) -> None:
-    """Take the farther of what was reached and what is flown to: ArduPilot does not name every item it reaches."""
+    """Take the farther of what was reached and what is flown to: ArduPilot does not name every item it reaches.
+
+    A waypoint in the middle that was passed while the mission was at something else is not waited at any more.
+    """
     report = record.message
     assert isinstance(report, MissionProgressReported)
     reached = report.reached_item + 1 if report.HasField("reached_item") else 0
     current = report.current_item if report.HasField("current_item") else 0
-    _put(state, next_item=max(reached, current))
+    item, now = max(reached, current), mission(state)
+    _put(state, next_item=item)
+    if not (has_middle(state) and now.held_seq > now.plan_seq):
+        return
+    if item <= now.middle_item:
+        _put(state, middle_ahead=True)
+    elif now.middle_ahead and now.state != "flying":
+        _put(state, middle_item=-1)
 
 
 def _apply_move(state: State, record: Record) -> None:
@@ -100,11 +149,13 @@ def _apply_move(state: State, record: Record) -> None:
     if change.chart != CHART.name:
         return
     vehicle = state.vehicles.get(VEHICLE) or Vehicle()
-    changes: dict[str, Any] = {"state": change.to_state, "tries": 0, "entered_mode": vehicle.flight_mode}
+    changes: dict[str, Any] = {"state": change.to_state, "tries": 0, "refusal": "", "entered_mode": vehicle.flight_mode}
     if change.to_state == change.from_state:
         changes["tries"] = mission(state).tries + 1
     if change.to_state == "flying":
         changes["flown"] = True
+    if change.from_state == "following" != change.to_state:
+        changes["middle_item"] = -1  # it was waited there
     if change.to_state in ("checking", "idle"):
         changes |= {"flown": False, "next_item": 0, "middle_item": -1}
     if change.to_state in ("syncing", "done") and mission(state).flown:
@@ -126,24 +177,24 @@ def _note_beginning(state: State, change: Moved) -> None:
 
 def _wait(state: State, record: Record, change: Moved) -> None:
     if change.to_state in ASKING and not (state.vehicles.get(VEHICLE) or Vehicle()).link:
-        state.deadlines.drop((CHART.name, change.instance))  # nothing is asked until the vehicle is heard
-    elif change.to_state in (*ASKING, "landed", "syncing") or (change.to_state == "paused" and _flies(state)):
-        _wait_from(state, record.at.flight_ns, change.to_state)
+        state.deadlines.drop(_KEY)  # nothing is asked until the vehicle is heard
+    elif change.to_state in ("uploading", "syncing"):
+        limits = state.flight.limits
+        life_ms = limits.upload_ms if change.to_state == "uploading" else limits.push_ms
+        state.deadlines.put(_KEY, record.at.flight_ns + (life_ms + OUTCOME_GRACE_MS) * NS_PER_MS)
+    elif change.to_state in (*ASKING, "landed") or (change.to_state == "paused" and _is_told_to_hold(state)):
+        _wait_a_step(state, record)
     else:
-        state.deadlines.drop((CHART.name, change.instance))
+        state.deadlines.drop(_KEY)
 
 
-def _flies(state: State) -> bool:
-    """Whether the vehicle flies the mission: one that is paused then was told to hold, and may not have heard it."""
-    vehicle = state.vehicles.get(VEHICLE) or Vehicle()
-    return vehicle.armed and vehicle.link and vehicle.flight_mode == FLIGHT_MODE_MISSION
+def _is_told_to_hold(state: State) -> bool:
+    """Whether a vehicle that is paused now was told to hold, and may not have heard it."""
+    return (state.vehicles.get(VEHICLE) or Vehicle()).link and must_be_stopped(state)
 
 
-def _wait_from(state: State, now_ns: int, name: str) -> None:
-    limits = state.flight.limits
-    lives_ms = {"uploading": limits.upload_ms, "syncing": limits.push_ms}
-    wait_ms = lives_ms[name] + OUTCOME_GRACE_MS if name in lives_ms else limits.mission_step_ms
-    state.deadlines.put((CHART.name, str(VEHICLE)), now_ns + wait_ms * NS_PER_MS)
+def _wait_a_step(state: State, record: Record) -> None:
+    state.deadlines.put(_KEY, record.at.flight_ns + state.flight.limits.mission_step_ms * NS_PER_MS)
 
 
 def _silent(state: State, record: Record) -> None:
@@ -155,30 +206,52 @@ def _silent(state: State, record: Record) -> None:
         and not (isinstance(change, VehicleLinkChanged) and change.up)
         and mission(state).state in (*ASKING, "paused")
     ):
-        state.deadlines.drop((CHART.name, str(VEHICLE)))
+        state.deadlines.drop(_KEY)
 
 
 def _started(state: State, record: Record) -> None:
-    """Forget the order to begin where nothing flies: it was given to what was there before the start."""
+    """Forget what was to come of before the start: a waypoint that is not in the plan, an order on the ground.
+
+    Nobody waits for the office's answer any more; asked anew, it would have the waypoint twice. The order to begin was
+    given to what was there before.
+    """
     _silent(state, record)
+    if mission(state).middle_item >= 0 and not has_middle(state):
+        _put(state, middle_item=-1)
     vehicle = state.vehicles.get(VEHICLE)
     if mission(state).begun and not (vehicle is not None and vehicle.armed):
         _put(state, begun=False)
 
 
 def _reported(state: State, record: Record) -> None:
-    """Wait no longer for a vehicle that is seen to return, and again where it no longer is."""
-    report = record.message
+    """Wait no longer for a vehicle that is seen to hold or to return, and again where it no longer returns."""
+    report, now = record.message, mission(state)
     assert isinstance(report, VehicleStateReported)
-    key, now = (CHART.name, str(VEHICLE)), mission(state).state
-    if report.vehicle == VEHICLE and now == "paused":
-        state.deadlines.drop(key)  # whatever it does now it says by itself
-    if report.vehicle != VEHICLE or now != "aborting":
+    if report.vehicle != VEHICLE:
         return
-    if report.flight_mode in COMPLYING:
-        state.deadlines.drop(key)
-    elif key not in state.deadlines:
-        _wait_from(state, record.at.flight_ns, "aborting")
+    if now.entered_mode == FLIGHT_MODE_RETURN != report.flight_mode:
+        _put(state, entered_mode=report.flight_mode)  # it has stopped returning: when it returns again, it means it
+    if now.state == "paused" and not (report.armed and report.flight_mode == now.entered_mode):
+        state.deadlines.drop(_KEY)  # whatever it does now it says by itself
+    if now.state == "aborting" and report.flight_mode in COMPLYING:
+        state.deadlines.drop(_KEY)
+    elif now.state == "aborting" and _KEY not in state.deadlines:
+        _wait_a_step(state, record)
+
+
+def _refused(state: State, record: Record) -> None:
+    """Note that the present step was refused, and in which words; an upload is tried again sooner than its time."""
+    outcome, words = record.message, ""
+    assert isinstance(outcome, CommandAnswered | CommandUnanswered | MissionUploadFailed)
+    if isinstance(outcome, CommandUnanswered | MissionUploadFailed):
+        words = outcome.because
+    elif outcome.mav_result not in GOING_ON:
+        words = MAV_RESULTS.get(outcome.mav_result, f"MAV_RESULT {outcome.mav_result}")
+    if not words or outcome.effect_seq != mission(state).effect_seq:
+        return
+    _put(state, refusal=words)
+    if isinstance(outcome, MissionUploadFailed) and _KEY in state.deadlines:
+        _wait_a_step(state, record)
 
 
 EVOLVE: dict[str, Evolve] = {
@@ -186,6 +259,9 @@ EVOLVE: dict[str, Evolve] = {
     "fetch_mission": _ask,
     "upload_mission": _ask_upload,
     "mission_uploaded": _uploaded,
+    "mission_upload_failed": _refused,
+    "command_answered": _refused,
+    "command_unanswered": _refused,
     "vehicle_state_reported": _reported,
     "vehicle_link_changed": _silent,
     "node_started": _started,

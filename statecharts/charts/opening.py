@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from events.records import Record
 from events.schema.flight_pb2 import BaselineCarried, FlightOpened, OriginSet
-from events.schema.state_pb2 import CarriedObject, CarriedOrder, CarriedState
+from events.schema.state_pb2 import CarriedMission, CarriedObject, CarriedOrder, CarriedState
 from statecharts.charts.command import FINAL
 from statecharts.charts.mapping import place_object
 from statecharts.charts.override import hold
@@ -18,6 +18,7 @@ from statecharts.facts import (
     Override,
     Spot,
     Trusted,
+    Vehicle,
     fitting_key,
     order_key,
 )
@@ -94,8 +95,33 @@ def load_carried(state: State, carried: CarriedState, now_ns: int) -> None:
     )
     if carried.flown_revision:
         state.missions.put(VEHICLE, Mission(flown_revision=carried.flown_revision))
+    if carried.HasField("mission"):
+        _load_mission(state, carried.mission)
     if carried.HasField("origin"):
         state.origin.set(Spot.of(carried.origin))
+
+
+def _load_mission(state: State, carried: CarriedMission) -> None:
+    """Let a mission go on where it was, in the air. No effect has seq 0: it stands for those of the flight before."""
+    number, middle = carried.vehicle, carried.HasField("middle_item")
+    state.vehicles.put(number, Vehicle(armed=True, flight_mode=carried.vehicle_mode))
+    state.plans.put(number, carried.plan)
+    before = state.missions.get(number) or Mission()
+    state.missions.put(
+        number,
+        before._replace(
+            state=carried.chart_state,
+            tries=carried.tries,
+            begun=carried.begun,
+            flown=True,
+            held_seq=0 if carried.held else -1,
+            entered_mode=carried.entered_mode,
+            next_item=carried.next_item,
+            middle_item=carried.middle_item if middle else -1,
+            middle_seq=0 if middle else -1,
+            middle_ahead=carried.middle_ahead,
+        ),
+    )
 
 
 def _load_safety(state: State, carried: CarriedState, now_ns: int) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from events.records import Record
 from events.schema.common_pb2 import Moved
-from events.schema.flight_pb2 import Limits
+from events.schema.flight_pb2 import BaselineCarried, Limits
 from events.schema.mission_pb2 import MissionUploaded
 from events.schema.orders_pb2 import MISSION_BEGIN, OrderReceived
 from events.schema.safety_pb2 import SetVehicleMode
@@ -27,7 +27,7 @@ class Missions(Monitor):
     """No motor turns before plan, self-test and order; a vehicle that somebody took is not commanded."""
 
     kinds = (
-        *("moved", "order_received", "mission_planned", "mission_uploaded"),
+        *("moved", "order_received", "mission_planned", "mission_uploaded", "baseline_carried"),
         *("set_vehicle_mode", *_OWN),
     )
 
@@ -71,6 +71,8 @@ class Missions(Monitor):
             case Moved(chart="mission", to_state=state, because=because):
                 self._begun = self._begun and state not in _OVER
                 self._taken = state == "paused" and because.startswith(_TAKEN)
+            case BaselineCarried(state=carried):
+                self._held, self._begun = carried.mission.held, carried.mission.begun
             case MissionUploaded(effect_seq=seq):
                 self._held = self._held or seq == self._upload_seq > self._plan_seq
         match record.kind.name:

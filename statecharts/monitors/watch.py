@@ -15,6 +15,7 @@ from statecharts.monitors.missions import Missions
 from statecharts.monitors.monitor import Monitor
 from statecharts.monitors.moves import MovesJoin
 from statecharts.monitors.orders import ORDERS
+from statecharts.monitors.patience import Patience
 from statecharts.monitors.vehicle import VEHICLE
 from statecharts.state import State
 
@@ -34,7 +35,8 @@ class Watch:
         """Watch from the manifest on; or from a start on, where the state is the one that the start found."""
         whole = state is None
         limits = Limits() if state is None else state.flight.limits
-        kinds: tuple[type[Monitor], ...] = (MovesJoin, *ORDERS, *CAMERAS, *FINDINGS, *VEHICLE, Failsafes, Missions)
+        own: tuple[type[Monitor], ...] = (*CAMERAS, *FINDINGS, *VEHICLE, Failsafes, Missions, Patience)
+        kinds: tuple[type[Monitor], ...] = (MovesJoin, *ORDERS, *own)
         self._monitors = [kind(limits, whole) for kind in kinds]
         self._masks: dict[str, int] = {}
         for place, monitor in enumerate(self._monitors):

@@ -12,7 +12,8 @@ from google.protobuf.message import Message
 
 from events.schema.flight_pb2 import BaselineCarried
 from events.schema.mission_pb2 import MissionUploaded, MissionUploadFailed, PushReported
-from events.schema.state_pb2 import CarriedState
+from events.schema.safety_pb2 import FLIGHT_MODE_LOITER
+from events.schema.state_pb2 import CarriedMission, CarriedState
 from tests import flights, flying
 from tests.flights import Flight
 from tests.stories import Story
@@ -87,6 +88,11 @@ def _of_own(seq: int, words: str) -> Message:
     return flights.answered(seq, int(words))
 
 
+def _thrice(words: str) -> str:
+    """Return the words of a step that is refused as often as it is tried."""
+    return "|wait 11|".join([words] * 3)
+
+
 def on_the_ground() -> Flight:
     """From the link to the arming, and what nobody heeds in between; given up, paused and begun again."""
     teller = _Teller()
@@ -98,24 +104,22 @@ def on_the_ground() -> Flight:
         FAILSAFE + "|order {} abort|order {} begin|planned|report pass,degraded|order {} acknowledge 3|wait 130"
     )
     teller.tell("planned|report fail|planned|report pass,skipped|order {} begin")
-    teller.ignore("node_started", "planned", "pause", "abort", "uploaded", "upload_failed")
+    teller.ignore("node_started", "planned", "pause", "abort", "uploaded")
     teller.tell("start|vehicle up|order {} begin|order {} pause")
     teller.ignore("resume", "abort")
     teller.tell(FAILSAFE + "|order {} abort")
     teller.ignore("begin")
-    teller.tell(FAILSAFE + "|order {} begin|planned|not-uploaded|not-uploaded|not-uploaded|order {} resume")
+    teller.tell(FAILSAFE + "|order {} begin|planned|" + _thrice("not-uploaded") + "|order {} resume")
     teller.tell("wait 200|order {} resume|planned|order {} abort|order {} begin|planned|uploaded")
-    teller.ignore("node_started", "planned", "pause", "abort", "accepted", "refused")
-    teller.tell(
-        "start|vehicle up|order {} begin|uploaded|planned|uploaded|did 4|wait 40|order {} resume|uploaded|"
-        "order {} pause|order {} resume|uploaded"
-    )
+    teller.ignore("node_started", "planned", "pause", "abort", "accepted")
+    teller.tell("start|vehicle up|order {} begin|uploaded|" + _thrice("did 4") + "|order {} resume")
+    teller.tell("uploaded|planned|uploaded|wait 40|order {} resume|uploaded|order {} pause|order {} resume|uploaded")
     teller.tell("order {} abort|order {} begin|planned|uploaded|mode guided disarmed=1")
-    teller.ignore("node_started", "planned", "pause", "abort", "refused")
+    teller.ignore("node_started", "planned", "pause", "abort")
     teller.tell(
-        "start|vehicle up|order {} begin|uploaded|did 0|did 4|planned|uploaded|did 0|wait 40|"
-        "order {} resume|uploaded|did 0|order {} pause|order {} resume"
+        "start|vehicle up|order {} begin|uploaded|did 0|" + _thrice("did 4") + "|order {} resume|uploaded|did 0"
     )
+    teller.tell("planned|uploaded|did 0|wait 40|order {} resume|uploaded|did 0|order {} pause|order {} resume")
     teller.tell("uploaded|did 0|order {} abort")
     return teller.story.flight
 
@@ -126,7 +130,7 @@ def begun() -> Flight:
     teller.tell("frame person@5,5|wait 1|order {} confirm p1 roles=camera|planned|report pass")
     teller.ignore("begin", "abort")
     teller.tell(FAILSAFE + "|order {} abort|order {} begin|planned|uploaded|did 0|armed")
-    teller.ignore("pause", "abort", "refused", reported="armed", planned="at 1")
+    teller.ignore("pause", "abort", reported="armed", planned="at 1")
     teller.tell("planned|did 4|wait 40|order {} resume|disarmed|order {} begin|uploaded|did 0|armed|disarmed")
     teller.tell("order {} resume|uploaded|did 0|armed|mode return|mode loiter|order {} abort|disarmed")
     teller.tell("order {} begin|planned|uploaded|did 0|armed|order {} pause|order {} abort|disarmed")
@@ -152,7 +156,7 @@ def stopped() -> Flight:
     teller.tell("planned|order {} abort|report pass|order {} begin|armed|planned|disarmed|order {} begin")
     teller.tell("order {} abort")
     ways = ("uploaded", "uploaded|mode none|did 0", "uploaded|did 0|armed", "uploaded|did 0|armed|mode mission")
-    for last in ("did 4|did 4|did 4", "mode none|order {} abort|disarmed", "mode none|battery 20|battery 90|disarmed"):
+    for last in (_thrice("did 4"), "mode none|order {} abort|disarmed", "mode none|battery 20|battery 90|disarmed"):
         for way in ways:
             teller.tell(f"order {{}} begin|planned|{way}|" + last.removeprefix("mode none|" * ("did 0" in way)))
             teller.tell("wait 11|order {} abort|disarmed")
@@ -218,6 +222,40 @@ def landed() -> Flight:
     teller.tell("order {} follow p1 roles=camera|posted|planned items=takeoff,go,go,go,home|uploaded|mode mission|at 1")
     teller.tell("disarmed|wait 11|wait 66")
     return teller.story.flight
+
+
+def waited() -> Flight:
+    """Waited at what is followed over a start; and a return that is paused, of which the vehicle is slow to hear."""
+    teller = _Teller()
+    teller.tell("frame person@5,5|wait 1|order {} confirm p1 roles=camera|planned|report pass|order {} begin|" + UP)
+    teller.tell("at 1|order {} follow p1 roles=camera|posted")
+    teller.tell(
+        "planned items=takeoff,go,go,go,home|uploaded|mode mission|at 1|at 2 reached=1|start|vehicle up|mode loiter"
+    )
+    teller.tell("order {} turn roles=camera|mode mission|mode return|order {} pause|mode return|wait 40|mode mission")
+    teller.tell("order {} pause|mode mission|wait 11|mode loiter|order {} resume|mode mission|uploaded|mode mission")
+    return teller.story.flight
+
+
+def _in_its_place(*, held: bool) -> Flight:
+    """Return a flight that begins in the air, where the one before had waited at what was followed."""
+    mission = CarriedMission(vehicle=1, chart_state="following", begun=True, next_item=2, held=held, middle_item=1)
+    mission.plan.CopyFrom(flying.planned(items="takeoff,go,go,go,home"))
+    mission.vehicle_mode, mission.middle_ahead = FLIGHT_MODE_LOITER, True
+    manifest, origin, *_ = flying.opening(**LIMITS)
+    teller = _Teller(manifest, BaselineCarried(state=CarriedState(mission=mission)), origin)
+    teller.tell("start|vehicle up|mode loiter|uploaded|mode mission|at 4 reached=3|disarmed|wait 11")
+    return teller.story.flight
+
+
+def in_its_place() -> Flight:
+    """A flight that begins in the air goes on with the mission, by the plan that the vehicle holds."""
+    return _in_its_place(held=True)
+
+
+def in_its_place_replanned() -> Flight:
+    """The same where the vehicle does not hold the newest plan."""
+    return _in_its_place(held=False)
 
 
 def by_itself() -> Flight:

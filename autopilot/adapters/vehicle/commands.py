@@ -136,6 +136,8 @@ class Exchange:
             if flight.order.flight or flight.attempts > 1:
                 self._late[slot] = now_ns + self._late_ns
             self._report(flight, answer)
+            if flight.order.has_message(answer.result) and now_ns < flight.order.deadline_ns and not flight.superseded:
+                self._out.append(Send(order=flight.order, target=flight.target, form=Form.MESSAGE, confirmation=0))
             self._launch(now_ns)
         return flight.order
 

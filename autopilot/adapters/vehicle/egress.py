@@ -35,6 +35,7 @@ from autopilot.adapters.vehicle.orders import (
     GIMBAL_PITCHYAW,
     REPOSITION,
     SET_CAMERA_ZOOM,
+    SET_MISSION_CURRENT,
     SET_ROI_LOCATION,
     SET_ROI_NONE,
     Form,
@@ -45,7 +46,7 @@ from events.schema.vehicle_pb2 import GiveUpGimbal, PointAtAngles, PointAtPlace,
 
 HEARTBEAT, COMMAND_INT, COMMAND_LONG, TIMESYNC = 0, 75, 76, 111
 MISSION_REQUEST_LIST, MISSION_COUNT, MISSION_CLEAR_ALL, MISSION_ACK, MISSION_REQUEST_INT = 43, 44, 45, 47, 51
-MISSION_ITEM_INT = 73
+MISSION_SET_CURRENT, MISSION_ITEM_INT = 41, 73
 SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 511, 512
 
 # Message and, where it carries one, command. Each effect's command may go in both forms, for an autopilot may want one.
@@ -56,6 +57,7 @@ SENDABLE: frozenset[tuple[int, int | None]] = frozenset(
         *((message, command) for message in (COMMAND_INT, COMMAND_LONG) for command in COMMAND_OF.values()),
         (COMMAND_LONG, SET_MESSAGE_INTERVAL),
         (COMMAND_LONG, REQUEST_MESSAGE),
+        (MISSION_SET_CURRENT, None),
         (MISSION_REQUEST_LIST, None),
         (MISSION_COUNT, None),
         (MISSION_CLEAR_ALL, None),
@@ -292,6 +294,11 @@ def _int(target: Sender, words: Words) -> Any:
 
 def _in_form(message: Any, form: Form, confirmation: int) -> Any:
     """Return the same command in another form, with places in degrees where it is COMMAND_LONG."""
+    if form is Form.MESSAGE:
+        if message.command != SET_MISSION_CURRENT:
+            raise NotEncodable(f"command {message.command} has no message of its own")
+        to = (message.target_system, message.target_component)
+        return dialect.MAVLink_mission_set_current_message(*to, int(message.param1))
     is_int = message.get_msgId() == COMMAND_INT
     head, four = (message.target_system, message.target_component), [message.param1, message.param2]
     four += [message.param3, message.param4]

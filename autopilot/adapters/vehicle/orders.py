@@ -16,6 +16,9 @@
 
 What is sent once and not answered is the core's to decide again: it sees the mode, the arming and the progress.
 
+Not every autopilot knows DO_SET_MISSION_CURRENT. One that answers UNSUPPORTED is sent the message that it superseded,
+MISSION_SET_CURRENT, once; nothing acknowledges it, the progress shows it (MAVLink guide, Mission Protocol).
+
 A place never goes as COMMAND_LONG to ArduPilot, which reads the altitude there as above home; to others it may, where
 they ask for it. No encoding here.
 """
@@ -36,7 +39,7 @@ from events.schema.vehicle_pb2 import GiveUpGimbal, PointAtAngles, PointAtPlace,
 SET_ROI_LOCATION, SET_ROI_NONE, SET_CAMERA_ZOOM, GIMBAL_PITCHYAW, GIMBAL_CONFIGURE = 195, 197, 531, 1000, 1001
 SET_MODE, REPOSITION, SET_MISSION_CURRENT, MISSION_START, ARM_DISARM = 176, 192, 224, 300, 400
 
-LONG_ONLY, INT_ONLY, UNSUPPORTED_FRAME = 7, 8, 9  # MAV_RESULT
+UNSUPPORTED, LONG_ONLY, INT_ONLY, UNSUPPORTED_FRAME = 3, 7, 8, 9  # MAV_RESULT
 SAFE_ENDS = (FlightMode.FLIGHT_MODE_RETURN, FlightMode.FLIGHT_MODE_LAND)
 
 COMMAND_OF: dict[type[Message], int] = {
@@ -76,6 +79,7 @@ class Form(Enum):
     LONG = "COMMAND_LONG"
     INT = "COMMAND_INT"
     INT_OTHER_FRAME = "COMMAND_INT, MAV_FRAME_GLOBAL_INT"
+    MESSAGE = "MISSION_SET_CURRENT"
 
 
 class Rank(IntEnum):
@@ -101,6 +105,10 @@ class Order:
     forms: frozenset[Form] = frozenset(Form)  # that it may be asked for in
     again: bool = True  # harmless when it is late
     rank: Rank = Rank.PLAIN
+
+    def has_message(self, result: int) -> bool:
+        """Whether a vehicle with this answer is told by a message instead."""
+        return result == UNSUPPORTED and isinstance(self.effect, SetMissionItem)
 
     @property
     def flight(self) -> bool:

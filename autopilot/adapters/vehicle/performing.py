@@ -55,7 +55,7 @@ class Performing:
     def answered(self, now_ns: int, answer: Answer) -> Order | str:
         """Return the order that it answers, or the name of a rejection."""
         order = self._exchange.hear(now_ns, answer)
-        if isinstance(order, Order) and answer.result == ACCEPTED:
+        if isinstance(order, Order) and (answer.result == ACCEPTED or order.has_message(answer.result)):
             self._accepted(order.effect)
         return order
 

@@ -6,18 +6,24 @@ import shutil
 from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import apsw
 import pytest
 
+from autopilot.node.attachments import Attachments
 from events import read_record
 from events.schema.flight_pb2 import LogDamaged, LogRecovered
+from events.schema.mission_pb2 import MissionProgressReported, MissionUploaded
+from events.schema.vehicle_pb2 import VehicleLinkChanged
 from events.store import StoreFailed, flights_in
 from events.store.head import NAME
 from events.store.recovery import KeptLog, examine
 from statecharts import State, carry_over, restore, steps_of
+from tests import flying
 from tests.autopilot.node.histories import Begin, check_history, check_history_of_newest, fly
-from tests.autopilot.node.nodes import FakeClock, Node, of_kind
+from tests.autopilot.node.nodes import FakeClock, Node, config, of_kind, vehicle_state
+from tests.flights import answered
 
 Change = Callable[[Path], None]
 
@@ -200,3 +206,52 @@ def test_a_log_that_can_not_be_read_now_is_left_alone(begin: Begin, tmp_path: Pa
     with pytest.raises(StoreFailed, match=folder.name):
         begin().start()
     assert [flight.folder for flight in flights_in(tmp_path)] == [folder]
+
+
+FLYING: dict[str, dict[str, Any]] = {
+    "mission": {"enabled": True, "begin": "alone", "file": "mission.json"},
+    "vehicle": {"listen": "127.0.0.1:14550"},
+}
+
+
+def flying_a_mission(begin: Begin) -> tuple[Path, bytes]:
+    """Fly a mission, and cut the power in the air; return the flight's folder and the mission as it came."""
+    node, mission = begin(settings=config(**FLYING)).start(), b"the mission as it came"
+    attachments = Attachments()
+    attachments.attend(node.session.flight.folder)
+    attachments.keep(sha256(mission).hexdigest(), mission)
+    plan = flying.planned(json_sha256=sha256(mission).digest())
+    node.tell(VehicleLinkChanged(vehicle=1, up=True), vehicle_state(armed=False), plan)
+    node.tell(flying.reported(node.log(), "pass"), after_ms=200)
+    node.tell(MissionUploaded(effect_seq=flying.newest(node.log(), "upload_mission"), items=4), after_ms=200)
+    for mode in ("guided", "guided", "mission"):
+        node.tell(flying.state(mode), after_ms=200)
+    node.tell(answered(flying.newest(node.log(), "start_mission")), after_ms=200)
+    node.tell(MissionProgressReported(vehicle=1, current_item=2), after_ms=200)
+    node.turn(after_ms=200)
+    node.tell(flying.state("mission", landed=2), after_ms=200)  # what a damaged end loses
+    node.turn(after_ms=200)
+    return cut_power(node), mission
+
+
+def test_a_flight_that_begins_in_the_air_goes_on_with_the_mission(begin: Begin) -> None:
+    """In the place of one whose log is damaged; the mission's file lies in its folder too, unless it is damaged."""
+    for spoilt in (False, True):
+        folder, mission = flying_a_mission(begin)
+        name = sha256(mission).hexdigest()
+        wal_at_its_end(folder)
+        if spoilt:
+            (folder / "evidence" / name).write_bytes(b"another")
+        again = begin(settings=config(**FLYING)).start()
+        now = again.session.state.missions[1]
+        assert (now.state, now.next_item, now.held_seq > now.plan_seq) == ("flying", 2, True)
+        found = again.session.flight.folder / "evidence" / name
+        assert found.exists() is not spoilt
+        assert spoilt or found.read_bytes() == mission
+        again.tell(VehicleLinkChanged(vehicle=1, up=True), flying.state("mission"), after_ms=200)
+        again.tell(flying.state("mission", armed=False), after_ms=200)
+        again.turn(after_ms=200)
+        assert again.session.state.missions[1].state == "landed"
+        again.kill()
+        shutil.rmtree(folder)
+        shutil.rmtree(again.session.flight.folder)

@@ -194,3 +194,28 @@ def test_what_is_due_next() -> None:
     assert exchange.due_ns() is None
     do(exchange, 800 * MS, ["order", "4", "arm", "9000"])
     assert exchange.due_ns() == 3_700 * MS
+
+
+def test_an_item_goes_as_a_message_to_a_vehicle_that_does_not_know_the_command() -> None:
+    """Once, while the order lives and nothing stronger came; the answer is reported as it is."""
+    check_exchange(
+        """
+        0     | order 1 item 5000  | send 1 #0
+        1     | sent 1             | sent 1
+        100   | answer item 3      | answered 1 3 0% of 1; send 1 #0 as MESSAGE
+        200   | answer item 3      | (late answer)
+        4000  | order 2 item 1000  | send 2 #0
+        4001  | sent 2             | sent 2
+        4100  | answer item 2      | answered 2 2 0% of 1
+        8000  | order 3 item 1000  | send 3 #0
+        8001  | sent 3             | sent 3
+        9000  | answer item 3      | answered 3 3 0% of 1
+        20000 | order 4 item 5000  | send 4 #0
+        20001 | sent 4             | sent 4
+        20002 | order 5 rtl 5000   | send 5 #0
+        20100 | answer item 3      | answered 4 3 0% of 1
+        30000 | order 6 start 5000 | send 6 #0
+        30001 | sent 6             | sent 6
+        30100 | answer start 3     | answered 6 3 0% of 1
+        """
+    )

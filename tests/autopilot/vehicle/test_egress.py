@@ -62,6 +62,9 @@ EFFECTS: dict[int, Message] = {
 }
 
 
+FORMS = (Form.LONG, Form.INT, Form.INT_OTHER_FRAME)  # of a command
+
+
 def everything() -> list[bytes]:
     """Return one of each thing that the public face of egress can encode."""
     egress = Egress(191)
@@ -72,7 +75,8 @@ def everything() -> list[bytes]:
         egress.ask_version(7, VEHICLE),
         egress.timesync(7, VEHICLE, 0, 5),
         *(egress.ask_message(7, message_id) for message_id in REQUESTABLE),
-        *(egress.effect(7, VEHICLE, effect, 0, form=form, kind=PX4) for effect in EFFECTS.values() for form in Form),
+        *(egress.effect(7, VEHICLE, effect, 0, form=form, kind=PX4) for effect in EFFECTS.values() for form in FORMS),
+        egress.effect(7, VEHICLE, go_to_item(2), 0, form=Form.MESSAGE, kind=PX4),
         *(egress.say(7, Say(VEHICLE, word)) for word in Word if word is not Word.ITEM),
         *(egress.say(7, say) for say in items),
     ]
@@ -92,7 +96,7 @@ def test_the_list_is_closed() -> None:
     commands = (176, 192, 195, 197, 224, 300, 400, 531, 1000, 1001)
     both_forms = [(form, command) for form in (75, 76) for command in commands]
     asking = [(76, 511), (76, 512)]
-    mission = [(43, None), (44, None), (45, None), (47, None), (51, None)]
+    mission = [(41, None), (43, None), (44, None), (45, None), (47, None), (51, None)]
     items = [(73, command) for command in (16, 20, 21, 22, 178)]
     expected = {(0, None), (111, None), *both_forms, *asking, *mission, *items}
     assert expected == SENDABLE
@@ -311,6 +315,16 @@ def test_a_mission_is_started_whole() -> None:
 def test_an_item_is_named_as_the_vehicle_counts(kind: Kind, number: int) -> None:
     message = said(go_to_item(2), kind)
     assert (message.command, message.param1, message.param2) == (224, number, 0)
+
+
+@pytest.mark.parametrize(("kind", "number"), [(COPTER, 3), (PX4, 2)])
+def test_an_item_is_named_by_a_message_too(kind: Kind, number: int) -> None:
+    """For a vehicle that does not know the command; nothing else has such a message."""
+    message = said(go_to_item(2), kind, form=Form.MESSAGE)
+    assert (message.get_type(), message.seq) == ("MISSION_SET_CURRENT", number)
+    assert (message.target_system, message.target_component) == (VEHICLE.system, VEHICLE.component)
+    with pytest.raises(NotEncodable, match="no message of its own"):
+        said(arm(), kind, form=Form.MESSAGE)
 
 
 def test_a_place_to_fly_to_is_above_the_sea() -> None:

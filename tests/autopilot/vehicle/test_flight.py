@@ -185,6 +185,17 @@ def test_what_was_reached_is_of_this_flight_of_the_mission() -> None:
         assert not _progress(bench)[-1].HasField("reached_item")
 
 
+def test_an_item_is_gone_on_with_by_a_message_where_the_command_is_not_known() -> None:
+    """What was reached before is of before then, too; a vehicle that refuses the item keeps what it told."""
+    for result, said, kept in ((3, 1, False), (2, 0, True)):
+        bench = armed()
+        bench.hear(0.1, reached(5), current(6))
+        bench.perform(0.2, 7, go_to_item(1))
+        bench.hear(0.3, answer(224, result), current(2))
+        assert _progress(bench)[-1].HasField("reached_item") is kept
+        assert [message.get_type() for message in bench.sent].count("MISSION_SET_CURRENT") == said
+
+
 def test_the_facts_for_the_self_test() -> None:
     bench = Bench()
     nothing = bench.session.reports.facts(0)

@@ -18,7 +18,7 @@ from events.schema.safety_pb2 import BatteryReported, FlightMode, HomeReported
 from events.schema.vehicle_pb2 import CommandAnswered, PositionReported, VehicleStateReported
 from tests.autopilot.sim.test_process import free_ports
 from tests.autopilot.vehicle.test_link import Inbox, link_to, run
-from tests.autopilot.vehicle.vehicles import arm, fly_to, mode, plan, planned, start, upload
+from tests.autopilot.vehicle.vehicles import arm, fly_to, go_to_item, mode, plan, planned, start, upload
 
 TIMES = 5  # faster than the real one
 
@@ -81,6 +81,38 @@ def test_a_mission_is_given_flown_and_broken_off(personality: str) -> None:
             assert (facts.linked, facts.commandable, facts.armed, facts.home is not None) == (True, True, True, True)
             assert (facts.fix_type or 0) >= 3
             assert facts.charge_percent is not None
+        finally:
+            await link.stop()
+
+    with vehicle(personality, "copter") as port:
+        run(lambda: story(port))
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("personality", ["ardupilot", "px4"])
+def test_a_mission_is_changed_in_the_air(personality: str) -> None:
+    """It is read back there too, the vehicle flies on, and goes to the item that it is told, by the new plan."""
+
+    async def story(port: int) -> None:
+        inbox = Inbox()
+        link = link_to(VehicleSection(connect=f"127.0.0.1:{port}", late_answer_s=0.3), inbox)
+        await link.start()
+        try:
+            await inbox.wait_for(HomeReported)
+            link.perform(1, upload(), HostClock().mono_ns())
+            await inbox.wait_for(MissionUploaded)
+            for seq, effect in ((2, mode("GUIDED")), (3, arm()), (4, mode("MISSION")), (5, start())):
+                await check_done(link, inbox, seq, effect)
+            await inbox.wait_for(MissionProgressReported, lambda told: told.current_item >= 2)
+            items = [*plan()[:2], *(planned(16, north) for north in (150, 160, 170, 180)), plan()[-1]]
+            link.perform(6, upload(items), HostClock().mono_ns())
+            changed = await inbox.wait_for(MissionUploaded, lambda told: told.effect_seq == 6)
+            assert (changed.items, changed.attempts) == (len(items), 1)
+            await check_done(link, inbox, 7, go_to_item(4))
+            await check_done(link, inbox, 8, mode("MISSION"))
+            await inbox.wait_for(MissionProgressReported, lambda told: told.current_item == 4)
+            await in_mode(inbox, "MISSION")
+            assert link.facts().armed
         finally:
             await link.stop()
 

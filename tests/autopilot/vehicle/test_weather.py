@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import pytest
@@ -12,9 +13,22 @@ from autopilot.adapters.vehicle.modes import Family
 from autopilot.adapters.vehicle.session import Transmit
 from autopilot.sim.lossy import Weather
 from autopilot.sim.vehicle import Vehicle
-from events.schema.mission_pb2 import MissionUploaded, MissionUploadFailed
+from events.schema.mission_pb2 import MissionProgressReported, MissionUploaded, MissionUploadFailed, VehicleHolds
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered
-from tests.autopilot.vehicle.vehicles import PEER, Bench, S, arm, at_angles, at_place, mode, plan, upload
+from tests.autopilot.vehicle.vehicles import (
+    PEER,
+    Bench,
+    S,
+    arm,
+    at_angles,
+    at_place,
+    go_to_item,
+    mode,
+    plan,
+    planned,
+    start,
+    upload,
+)
 
 Name = Literal["ardupilot", "px4"]
 STEP_S = 0.02
@@ -131,6 +145,41 @@ def test_a_vehicle_that_wants_another_form(unkind: dict[str, Any], effect: Messa
     air.perform(5, effect)
     air.run(6)
     assert [told.mav_result for told in air.told(CommandAnswered)] == results
+
+
+@pytest.mark.parametrize(("name", "first"), [("ardupilot", 1), ("px4", 0)])
+@pytest.mark.parametrize(("unknown", "result"), [((), 0), ((224,), 3)])
+def test_an_item_is_gone_on_with_on_every_vehicle(
+    name: Name, first: int, unknown: tuple[int, ...], result: int
+) -> None:
+    """By the command, and by the message that it superseded where a vehicle does not know it; the answer is told."""
+    air = Air(1, name)
+    air.vehicle.unkind.unknown = unknown
+    air.perform(5, upload(), life_s=120)
+    air.run(10)
+    air.perform(6, go_to_item(3))
+    air.run(4)
+    assert air.vehicle.flight.runner.current == 3 + first
+    assert [told.mav_result for told in air.told(CommandAnswered)] == [result]
+    assert air.told(MissionProgressReported)[-1].current_item == 3
+
+
+def test_a_mission_that_is_refused_in_the_air_leaves_px4_the_one_it_flies() -> None:
+    """It swaps whole missions, there too; it flies on, and the failure says what it has."""
+    air = Air(1, "px4")
+    air.perform(5, upload(), life_s=120)
+    air.run(10)
+    for seq, effect in ((6, mode("GUIDED")), (7, arm()), (8, mode("MISSION")), (9, start())):
+        air.perform(seq, effect)
+        air.run(5)
+    before = list(air.vehicle.flight.items)
+    air.vehicle.transfer.rules = replace(air.vehicle.transfer.rules, judge=lambda item, seq: 4 if seq == 2 else 0)
+    air.perform(10, upload([*plan()[:2], planned(16, 70), *plan()[3:]]), life_s=120)
+    air.run(10)
+    (failed,) = air.told(MissionUploadFailed)
+    assert (failed.effect_seq, failed.item, failed.holds) == (10, 2, VehicleHolds.VEHICLE_HOLDS_OLD)
+    assert air.vehicle.flight.items == before
+    assert air.vehicle.flight.armed
 
 
 def test_a_late_answer_of_a_real_radio_is_not_the_next_one_s() -> None:

@@ -10,7 +10,7 @@ from events.schema.common_pb2 import Moved
 from statecharts.carry import carry_over
 from statecharts.charts.opening import load_carried
 from statecharts.state import State
-from tests import flying
+from tests import flights, flying
 from tests.checks import check_chart, check_equal, seen
 from tests.stories import Story
 
@@ -63,18 +63,45 @@ def test_it_looks_for_the_vehicle_first() -> None:
     check_equal([move.to_state for move in moves if move.chart == "mission"], ["linking", "checking"])
 
 
-@pytest.mark.parametrize("words", ["did 4", "did-not"])
-def test_a_step_is_tried_so_often(words: str) -> None:
-    """A refusal, or no answer, and then a person has to look; what is in progress is waited for."""
+@pytest.mark.parametrize(("words", "answer"), [("did 4", "MAV_RESULT_FAILED"), ("did-not", "no answer")])
+def test_a_step_is_tried_so_often(words: str, answer: str) -> None:
+    """A refusal waits for the step's time, and after the last a person has to look; what is in progress is awaited."""
     check_chart(
         "mission",
         f"""
         at_s | observe  | state      | say       | why
         3    | uploaded | 1 readying | go guided | the vehicle has the plan, read back
         4    | did 5    | -          | -         | -
-        5    | {words}  | 1 readying | go guided | the vehicle refused: tried again
-        6    | {words}  | 1 readying | go guided | the vehicle refused: tried again
-        7    | {words}  | 1 paused   | -         | the vehicle refused, as often as it may be tried
+        5    | {words}  | -          | -         | -
+        6    | {words}  | -          | -         | -
+        13   | time     | 1 readying | go guided | the vehicle did not do it: tried again
+        14   | {words}  | -          | -         | -
+        23   | time     | 1 readying | go guided | the vehicle did not do it: tried again
+        24   | {words}  | 1 paused   | -         | the vehicle did not do it, as often as it may be tried: {answer}
+        """,
+        story(GROUND),
+    )
+
+
+def test_a_refusal_is_of_one_try() -> None:
+    """What came after a refusal counts: the vehicle did it, or nothing came of the next try."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe  | state      | say       | why
+        3    | uploaded | 1 readying | go guided | the vehicle has the plan, read back
+        4    | did 4    | -          | -         | -
+        13   | time     | 1 readying | go guided | the vehicle did not do it: tried again
+        14   | did 5    | -          | -         | -
+        23   | time     | 1 readying | go guided | nothing came of it: tried again
+        24   | did 99   | 1 paused   | -         | the vehicle did not do it, as often as it may be tried: MAV_RESULT 99
+        25   | order r resume | 1 uploading | upload 4 | an operator lets it go on
+        26   | uploaded | 1 readying | go guided | the vehicle has the plan, read back
+        27   | did 4    | -          | -         | -
+        28   | mode loiter disarmed=1 | 1 arming | arm | the vehicle holds
+        29   | did 4    | -          | -         | -
+        30   | armed    | 1 engaging | go mission | armed
+        40   | time     | 1 engaging | go mission | nothing came of it: tried again
         """,
         story(GROUND),
     )
@@ -100,16 +127,18 @@ def test_silence_is_tried_again_too() -> None:
 
 def test_nothing_is_armed_before_the_plan_was_read_back() -> None:
     """A failed upload is begun again, whole; then it is paused, and an operator may let it go on."""
+    often = "the vehicle did not take the plan, as often as it may be tried: refused"
     check_chart(
         "mission",
-        """
+        f"""
         at_s | observe        | state       | say       | why
         3    | uploaded 1     | -           | -         | -
-        4    | not-uploaded   | 1 uploading | upload 4  | the vehicle did not take the plan: tried again
-        69   | time           | 1 uploading | upload 4  | no word of the upload: tried again
-        70   | not-uploaded   | 1 paused    | -         | the vehicle did not take the plan, as often as it may be tried
-        71   | order r resume | 1 uploading | upload 4  | an operator lets it go on
-        72   | uploaded       | 1 readying  | go guided | the vehicle has the plan, read back
+        4    | not-uploaded   | -           | -         | -
+        14   | time           | 1 uploading | upload 4  | the vehicle did not take the plan: tried again
+        79   | time           | 1 uploading | upload 4  | no word of the upload: tried again
+        80   | not-uploaded   | 1 paused    | -         | {often}
+        81   | order r resume | 1 uploading | upload 4  | an operator lets it go on
+        82   | uploaded       | 1 readying  | go guided | the vehicle has the plan, read back
         """,
         story(GROUND),
     )
@@ -315,80 +344,11 @@ def test_progress_where_the_vehicle_does_not_name_every_item() -> None:
         check_equal(tale.flight.state.missions[1].next_item, expected)
 
 
-def followed() -> Story:
-    """Return a story in the air, with a finding that a person has confirmed."""
-    tale = Story(*flying.opening(sightings_to_ask=1, frame_rate_floor_mhz=0))
-    tale = check_chart("mission", AIR, tale)
-    for words in ("frame person@5,5", "time", "order c confirm p1 by=bravo", "at 2 reached=1"):
+def test_an_answer_to_another_effect_refuses_nothing() -> None:
+    """The item was refused, the mode was not answered: that is what is said of the step."""
+    tale = story(AIR)
+    for words in ("order p pause", "mode loiter", "order r resume"):
         tale.tell(words)
-    return tale
-
-
-def test_what_is_followed_gets_a_waypoint() -> None:
-    """The office is asked, the changed plan is uploaded in the air, the vehicle waits there, and goes on behind it."""
-    check_chart(
-        "mission",
-        """
-        at_s | observe                    | state       | say                   | why
-        10   | order f follow p1 by=bravo | 1 flying | post before 2 at 30 m | asks for a waypoint at what is followed
-        11   | posted                     | -           | -                     | -
-        12   | planned rev=b items=takeoff,go,go,go,home | 1 uploading | upload 5 | the plan has changed
-        13   | mode mission               | -           | -                     | -
-        14   | uploaded                   | 1 engaging  | item 2; go mission    | the vehicle has the plan, in the air
-        15   | mode mission               | 1 flying    | -                     | goes on with the mission
-        20   | time                       | -           | -                     | -
-        20   | at 2                       | -           | -                     | -
-        21   | at 3 reached=2             | 1 following | go loiter             | waits at what is followed
-        22   | mode loiter                | -           | -                     | -
-        30   | order t turn by=bravo      | 1 engaging  | item 3; go mission    | goes on where it left the mission
-        31   | mode mission               | 1 flying    | -                     | goes on with the mission
-        """,
-        followed(),
-    )
-
-
-def test_following_without_a_waypoint() -> None:
-    """The office refuses, or nobody wants one: the camera follows and the vehicle goes its way."""
-    tale = check_chart(
-        "mission",
-        """
-        at_s | observe                    | state    | say                   | why
-        10   | order f follow p1 by=bravo | 1 flying | post before 2 at 30 m | asks for a waypoint at what is followed
-        11   | posted no such mission     | -        | -                     | -
-        12   | at 3 reached=2             | 1 returning | -                  | the mission is on its way home
-        13   | order t turn by=bravo      | -        | -                     | -
-        """,
-        followed(),
-    )
-    check_equal(tale.flight.state.missions[1].middle_item, -1)
-    tale = followed()
-    tale.flight.state.flight.limits.follow_by_waypoint = False
-    check_chart(
-        "mission",
-        """
-        at_s | observe                    | state | say | why
-        10   | order f follow p1 by=bravo | -     | -   | -
-        """,
-        tale,
-    )
-
-
-@pytest.mark.parametrize(
-    ("words", "state", "say"),
-    [
-        ("order p pause", "1 paused", "go loiter"),
-        ("order x abort", "1 aborting", "go return"),
-        ("mode return", "1 returning", "-"),
-        ("disarmed", "1 landed", "-"),
-        ("mode loiter", "-", "-"),
-    ],
-)
-def test_while_it_waits_at_what_is_followed(words: str, state: str, say: str) -> None:
-    """Whatever comes there ends it as in the mission itself."""
-    tale = followed()
-    for told in ("order f follow p1 by=bravo", "planned rev=b items=takeoff,go,go,go,home", "uploaded"):
-        tale.tell(told)
-    for told in ("mode mission", "at 3 reached=2", "mode mission"):
-        tale.tell(told)
-    found = seen(tale, "mission", tale.tell(words))
-    check_equal((found["state"], found["say"]), (state, say))
+    tale.flight.tell(flights.answered(flying.newest(tale.flight.records, "set_mission_item"), 3))
+    tale.at((tale.flight.due or 0) // 1_000_000)
+    check_equal(seen(tale, "mission", tale.tell("time"))["why"], "nothing came of it: tried again")

@@ -25,9 +25,12 @@ def check_row(state: str, trigger: str, target: str, mode: str = "none", **facts
 @pytest.mark.parametrize("step", ["readying", "arming", "engaging", "starting"])
 def test_every_step_that_asks_something_of_the_vehicle(step: str) -> None:
     """Tried again, then paused; stopped by an operator and by a failsafe; aborted as its motors ask for."""
+    for refused in (True, False):
+        check_row(step, "time_passed", step, refused=refused)
+        check_equal(CHART.ask(step, "time_passed", Facts(refused=refused)).answer, Answer.MOVE)
+    check_equal(CHART.ask(step, "refused", Facts(refused=True)).answer, Answer.IGNORE)
     for trigger in ("refused", "time_passed"):
-        check_row(step, trigger, step)
-        check_equal(CHART.ask(step, trigger, Facts()).answer, Answer.MOVE)
+        check_row(step, trigger, "paused", last_try=True, refused=True)
         check_row(step, trigger, "paused", last_try=True)
     check_row(step, "pause", "paused")
     check_row(step, "abort", "aborted")
@@ -114,6 +117,28 @@ def test_whoever_has_it_paused() -> None:
     check_row("returning", "reported", "paused", "mission", armed=True)
     check_row("paused", "reported", "landed", flown=True)
     check_row("paused", "failsafe", "paused")
+
+
+def test_what_lingers_is_not_believed() -> None:
+    """A vehicle that says what it said before; a failsafe is believed, and in the end whoever keeps returning."""
+    for state, target in (("paused", "returning"), ("uploading", "returning"), ("engaging", "returning")):
+        for mode in ("return", "land"):
+            check_row(state, "reported", state, mode, lingers=True, **AIRBORNE)
+            check_row(state, "reported", target, mode, lingers=True, failsafe=True, **AIRBORNE)
+            check_row(state, "reported", target, mode, failsafe=True, **AIRBORNE)
+    check_row("paused", "reported", "paused", "mission", lingers=True, **AIRBORNE)
+    check_row("paused", "reported", "flying", "mission", **AIRBORNE)
+    for mode, facts, target in (
+        ("return", {"last_try": True}, "returning"),
+        ("return", {"failsafe": True}, "returning"),
+        ("return", {}, "paused"),
+        ("mission", {"last_try": True}, "paused"),
+        ("mission", {"failsafe": True}, "paused"),
+    ):
+        check_row("paused", "time_passed", target, mode, lingers=True, **AIRBORNE, **facts)
+    check_row("paused", "time_passed", "paused", "return", lingers=True, last_try=True, armed=True)
+    for lingers, answer in ((True, Answer.MOVE), (False, Answer.IGNORE)):
+        check_equal(CHART.ask("paused", "time_passed", Facts(lingers=lingers)).answer, answer)
 
 
 def test_on_the_way_home() -> None:
