@@ -32,7 +32,14 @@ class Change:
 
 
 # Logic 1 is the first; every later one is an entry here, in order and without a gap.
-CHANGES: tuple[Change, ...] = ()
+CHANGES: tuple[Change, ...] = (
+    Change(
+        logic=2,
+        says="a failsafe that is demanded anew commands at once; straight back over a fence may be flown by order",
+        kinds=frozenset({"set_vehicle_mode", "fly_to_place", "send_ack", "set_mission_item"}),
+        charts=frozenset({"safety", "command", "mission"}),
+    ),
+)
 LOGIC = 1 + len(CHANGES)
 
 
