@@ -32,7 +32,7 @@ LEAST_AGAIN_MS = 1_000
 WORDS = ("operator_heard", "order_received", "order_malformed")  # of operators
 LANDING, RETURNING = safety_pb2.FLIGHT_MODE_LAND, safety_pb2.FLIGHT_MODE_RETURN
 _COMMANDS = {"landing": LANDING, "returning": RETURNING}
-_OBEYS = {LANDING: (LANDING,), RETURNING: (RETURNING, LANDING)}
+_OBEYS: dict[int, tuple[int, ...]] = {LANDING: (LANDING,), RETURNING: (RETURNING, LANDING)}
 CALM, CALM_NS = ("ok", "settling"), 1_000_000_000  # states in which nothing is demanded
 _SCOPES = {
     "battery": safety_pb2.OVERRIDE_BATTERY_RETURN,

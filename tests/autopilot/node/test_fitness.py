@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +15,7 @@ from autopilot.node import selftest as performer
 from autopilot.node.fitness import DEGRADED, FAIL, HOUR_MS, ITEMS, MIB, PASS, SKIPPED, Found, judged
 from autopilot.node.selftest import PROBE, Noted, written
 from autopilot.ports.config import Config
-from autopilot.ports.edges import EyesFacts, InputClass, VehicleFacts
+from autopilot.ports.edges import EyesFacts, InputClass, Offer, VehicleFacts
 from events.schema.mission_pb2 import RunSelftest, SelftestReported
 from statecharts import State
 from tests import flying
@@ -157,7 +156,7 @@ def test_it_looks_when_what_led_to_it_is_noted(monkeypatch: pytest.MonkeyPatch) 
     assert (looked_at, [one.effect_seq for one in offered]) == ([6], [5])
 
 
-def fitted(folder: Path, offer: Callable[[InputClass, Message], bool], eyes: EyesFacts) -> performer.Selftest:
+def fitted(folder: Path, offer: Offer, eyes: EyesFacts) -> performer.Selftest:
     """Return a performer with a book and a clock that know nothing worth asking for, and a camera."""
     eyes_section = {"source": "external", "endpoint": "127.0.0.1:1", "empty_frame_period_s": 60}
     node = {"flights": str(folder), "keys": "k", "projections": "p"}
@@ -183,7 +182,7 @@ def reported(selftest: performer.Selftest, offered: list[SelftestReported]) -> d
     return {item.name: (item.verdict, item.words) for item in report.items}
 
 
-def taken(offered: list[Any]) -> Callable[[InputClass, Message], bool]:
+def taken(offered: list[Any]) -> Offer:
     """Return an inbox that takes everything."""
 
     def offer(input_class: InputClass, observation: Message) -> bool:

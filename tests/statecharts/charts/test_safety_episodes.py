@@ -1,6 +1,7 @@
-"""Chart `safety` by chance: when exactly it commands, held against a model of episodes that shares nothing with it.
+"""Chart `safety`: what is one episode and what another, in tables and by chance.
 
-The model knows what was reported and when; it has neither states nor deadlines.
+By chance, each command is held against a model of episodes that shares nothing with the chart: it knows what was
+reported and when, and has neither states nor deadlines.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from hypothesis import strategies as st
 from events import Record
 from events.schema.common_pb2 import Moved
 from statecharts import steps_of
-from tests.checks import check_equal
+from tests.checks import check_chart, check_equal
 from tests.monitors import complaints
+from tests.statecharts.charts.test_safety import SQUARE, flight
 from tests.stories import Story
-from tests.stories_of_safety import SAFE_LIMITS
 
 AGAIN_MS, CALM_MS = 5_000, 1_000
 PAUSES_MS = st.sampled_from([0, 100, 250, 500, 999, 1_000, 2_500, 6_000])
@@ -29,6 +30,117 @@ WORDS = st.sampled_from(
     ]
 )
 FLIGHTS = st.lists(st.tuples(PAUSES_MS, WORDS), min_size=4, max_size=40)
+
+
+def test_who_obeyed_and_breaks_the_fence_again_is_commanded_at_once() -> None:
+    """An operator let the mission go on once the vehicle was back inside: that is another episode, a second later."""
+    check_chart(
+        "safety",
+        """
+        at_s | observe                | state             | say
+        0    | spot 200,0             | 1/fence returning | return: outside an inclusion fence
+        0.4  | flies return           | 1/fence complying | -
+        1    | spot 99,0 speed=-20,0  | 1/fence ok        | -
+        1.2  | flies mission          | -                 | -
+        1.3  | spot 99,0 speed=5,0    | 1/fence returning | return: on the way out of an inclusion fence
+        1.5  | spot 98,0 speed=-1,0   | 1/fence settling  | -
+        1.6  | flies return           | 1/fence ok        | -
+        1.7  | flies mission          | -                 | -
+        1.8  | spot 101,0             | 1/fence returning | return: outside an inclusion fence
+        1.9  | flies return           | 1/fence complying | -
+        2.0  | flies mission          | 1/fence pending   | -
+        6.8  | time                   | 1/fence returning | return: outside an inclusion fence
+        """,
+        flight(SQUARE),
+    )
+
+
+def test_a_place_that_flickers_at_an_edge_is_no_flood_of_commands() -> None:
+    """Twice a second in and out: commanded at its rate where the vehicle does not obey, and never where it does."""
+    for obeys, commands in ((False, 4), (True, 1)):
+        story = flight(SQUARE)
+        for number in range(80):
+            let_pass(story, 250 * number)
+            story.tell(f"spot {99 + number % 2 * 2},0")
+            if obeys and number == 1:
+                story.tell("flies return")
+        said = [record for record in story.flight.records if record.kind.name == "set_vehicle_mode"]
+        check_equal((obeys, len(said)), (obeys, commands))
+
+
+def let_pass(story: Story, until_ms: int) -> None:
+    """Let time pass up to a moment, as a prompt shell does."""
+    story.flight.wait(until_ms - story.flight.now_ns // 1_000_000)
+
+
+def test_a_second_of_calm_ends_an_episode_that_nobody_obeyed() -> None:
+    """To the millisecond, and also for a shell that is late; and so does the age of the last command."""
+    check_chart(
+        "safety",
+        """
+        at_s  | observe     | state               | say
+        0     | battery 20  | 1/battery returning | return: battery at 20 %
+        1     | battery 30  | 1/battery settling  | -
+        1.999 | battery 20  | 1/battery pending   | -
+        2     | battery 30  | 1/battery settling  | -
+        3     | time        | 1/battery ok        | -
+        3.1   | battery 20  | 1/battery returning | return: battery at 20 %
+        3.2   | battery 30  | 1/battery settling  | -
+        4.2   | battery 20  | 1/battery returning | return: battery at 20 %
+        9     | battery 30  | 1/battery settling  | -
+        9.2   | battery 31  | 1/battery ok        | -
+        9.3   | battery 20  | 1/battery returning | return: battery at 20 %
+        14.3  | time        | 1/battery returning | return: battery at 20 %
+        19.2  | vehicle down | 1/battery unreachable | -
+        19.3  | battery 30  | 1/battery ok        | -
+        """,
+        flight(),
+    )
+
+
+def test_who_is_not_seen_is_not_seen_to_be_safe() -> None:
+    """A start, or a silence of the vehicle, ends no episode at a fence; a place inside does, at its time."""
+    check_chart(
+        "safety",
+        """
+        at_s | observe      | state               | say
+        0    | spot 200,0   | 1/fence returning   | return: outside an inclusion fence
+        1    | spot 0,0     | 1/fence settling    | -
+        1.2  | start        | 1/fence unreachable | -
+        2.6  | vehicle up   | -                   | -
+        2.8  | flies        | -                   | -
+        3    | spot 200,0   | 1/fence pending     | -
+        3.1  | vehicle down | 1/fence unreachable | -
+        4    | vehicle up   | -                   | -
+        4.1  | spot 0,0     | 1/fence settling    | -
+        4.2  | spot 200,0   | 1/fence pending     | -
+        5    | time         | 1/fence returning   | return: outside an inclusion fence
+        6    | vehicle down | 1/fence unreachable | -
+        7    | fence        | 1/fence settling    | -
+        8    | time         | 1/fence ok          | -
+        9    | vehicle up   | -                   | -
+        """,
+        flight(SQUARE),
+    )
+
+
+def test_who_is_at_rest_before_a_silence_is_so_after_it() -> None:
+    """What obeyed and was over is over; nobody calls an unknown place a breach."""
+    check_chart(
+        "safety",
+        """
+        at_s | observe                 | state             | say
+        0    | spot 0,0                | -                 | -
+        1    | start                   | -                 | -
+        2    | vehicle up              | -                 | -
+        3    | spot 200,0              | 1/fence returning | return: outside an inclusion fence
+        4    | order a override fence  | -                 | -
+        4    | time                    | 1/fence held_off  | -
+        5    | start                   | -                 | -
+        6    | vehicle up              | -                 | -
+        """,
+        flight(SQUARE),
+    )
 
 
 @dataclass
@@ -104,7 +216,7 @@ def test_it_commands_when_an_episode_begins_and_at_its_rate_within_one(
     words: list[tuple[int, str]], prompt: bool
 ) -> None:
     """At once and no more often, on a shell that is prompt and on one that is late; and no monitor minds."""
-    story, model, at_ms = Story(**SAFE_LIMITS | {"operator_lost_ms": 0}), Model(), 0
+    story, model, at_ms = flight(), Model(), 0
     story.tell("fence in=-100,-100,100,100")
     story.tell("spot 0,0")
     for pause_ms, one in words:
@@ -122,7 +234,7 @@ def test_it_commands_when_an_episode_begins_and_at_its_rate_within_one(
 @given(st.lists(st.tuples(st.integers(50, 999), st.sampled_from(["spot 0,0", "spot 200,0"])), max_size=60))
 def test_a_place_that_flickers_is_bounded(words: list[tuple[int, str]]) -> None:
     """A vehicle that never obeys is not told twice within a second, however its places come and go."""
-    story, at_ms = Story(**SAFE_LIMITS | {"operator_lost_ms": 0}), 0
+    story, at_ms = flight(), 0
     story.tell("fence in=-100,-100,100,100")
     for pause_ms, one in words:
         at_ms += pause_ms
