@@ -99,13 +99,15 @@ def _answers(seen: Seen, personality: str, rounds: int, report: Report) -> None:
 
 
 def _fences(seen: Seen, personality: str, rounds: int, report: Report) -> None:
-    """Fly over a fence at the world's own speed; once it was obeyed and let go on, the next breach waits for nothing."""
+    """Fly over a fence at the world's own speed; late answers of the modes before would keep a pause waiting."""
     with _flight(seen, personality, 1, report) as flight:
         for _ in range(rounds):
             ms, beyond_m = misfortunes.check_fence_at_speed(flight)
             seen.detected_to_sent_ms.append(ms)
             seen.beyond_the_fence_m.append(beyond_m)
+            misfortunes.rest(flight.failsafe_again_s)
             seen.detected_to_sent_ms.append(misfortunes.check_gps_jump(flight))
+            misfortunes.rest(flight.failsafe_again_s)
             seen.checks.update(("fence_at_speed", "gps_jump"))
 
 
