@@ -117,7 +117,7 @@ def _broken(facts: Facts, *, way: bool = False) -> str:
     here = facts.state.whereabouts.get(VEHICLE) if way else None
     start = to if here is None else (here.spot.east_mm, here.spot.north_mm)
     fences = tuple(facts.state.fences.values())
-    if way and _fence_is_held_off(facts) and geometry.enters_once(fences, start, to):
+    if _fence_is_held_off(facts) and geometry.enters_once(fences, start, to):
         return geometry.OK
     return geometry.judge(fences, start, to)
 
