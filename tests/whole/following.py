@@ -6,12 +6,13 @@ It is given a `Mission` in the air that flies its mission, with its operator att
 
 from __future__ import annotations
 
+from autopilot.cli.demonstration.cast import NODE
 from autopilot.ground import compose
 from events import Record
 from events.schema.common_pb2 import Moved
 from events.schema.safety_pb2 import FLIGHT_MODE_RETURN, SetVehicleMode
 from tests.whole import misfortunes
-from tests.whole.flights import NODE, WITHIN_S, Mission
+from tests.whole.flights import WITHIN_S, Mission
 
 NS_PER_S = 1_000_000_000
 UNHEARD = "no operator is heard any more"
