@@ -95,10 +95,29 @@ def test_a_fence_that_nobody_sees_is_not_kept(unseen: str) -> None:
     flight = told((0, "spot 200,0"), (100, unseen), (200, "vehicle up"), (1_500, "spot 200,0"))
     check_equal(complaints(flight), [])
     other("moved", {"to_state": "ok"}, chart="safety", to_state="unreachable")(flight)
+    command_at_the_end(flight)
+    check_equal("failsafes_wait" in {one.split(":")[0] for one in complaints(flight)}, True)
+
+
+def command_at_the_end(flight: Flight) -> None:
+    """Let a fence's failsafe command in the last step."""
     observed = flight[-1][0]
     again = Moved(chart="safety", instance="1/fence", from_state="ok", to_state="returning")
-    flight[-1] = [
-        observed,
-        *(changed(observed, one) for one in (again, SetVehicleMode(vehicle=1, mode=FLIGHT_MODE_RETURN))),
-    ]
+    command = SetVehicleMode(vehicle=1, mode=FLIGHT_MODE_RETURN)
+    flight[-1] = [observed, *(changed(observed, one) for one in (again, command))]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ((500, "spot 0,0"), (900, "spot 99,0 speed=20,0"), (1_600, "spot 99,0 speed=20,0")),
+        ((500, "spot 0,0"), (1_600, "start"), (1_700, "vehicle up"), (1_800, "spot 200,0")),
+        ((500, "spot 0,0"), (1_600, "vehicle down"), (1_700, "vehicle up"), (1_800, "spot 200,0")),
+    ],
+)
+def test_a_second_that_was_interrupted_is_none(words: tuple[tuple[int, str], ...]) -> None:
+    """By what the chart sees ahead, or by nobody having seen its end."""
+    flight = told((0, "spot 200,0"), *words)
+    check_equal(complaints(flight), [])
+    command_at_the_end(flight)
     check_equal("failsafes_wait" in {one.split(":")[0] for one in complaints(flight)}, True)
