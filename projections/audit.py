@@ -17,6 +17,7 @@ from events.schema.common_pb2 import Issuer, Moved
 from events.schema.findings_pb2 import CameraTaken, PoiOpened
 from events.schema.flight_pb2 import FlightOpened, StepFailed
 from events.schema.orders_pb2 import AckPublished, OrderMalformed, OrderReceived, SendAck
+from events.schema.safety_pb2 import FlyToPlace, SetVehicleMode
 from events.schema.vehicle_pb2 import (
     CommandAnswered,
     CommandSent,
@@ -30,6 +31,8 @@ from events.schema.vehicle_pb2 import (
 from projections.describe import control_words, order_verb, order_words, result_word
 from projections.picture import RESULTS
 from projections.rows import Projection, Table
+
+Effect = PointAtPlace | PointAtAngles | ReleasePointing | SetZoom | FlyToPlace | SetVehicleMode  # of an order
 
 JUDGEMENTS = ("confirmed", "declined")
 
@@ -211,7 +214,7 @@ def _result(ack: SendAck) -> str:
     return result_word(ack.result) if ack.final else ""
 
 
-def _effect(audit: Audit, record: Record, effect: PointAtPlace | PointAtAngles | ReleasePointing | SetZoom) -> None:
+def _effect(audit: Audit, record: Record, effect: Effect) -> None:
     row_seq = audit.orders.get(effect.order)
     if row_seq is not None:
         audit.effects[record.seq] = row_seq
@@ -301,6 +304,8 @@ _CHANGES: dict[str, Callable[[Audit, Record, Any], None]] = {
     "point_at_angles": _effect,
     "release_pointing": _effect,
     "set_zoom": _effect,
+    "fly_to_place": _effect,
+    "set_vehicle_mode": _effect,
     "gimbal_control_changed": _controlled,
     "command_sent": _left,
     "command_answered": _outcome,
@@ -311,4 +316,4 @@ _CHANGES: dict[str, Callable[[Audit, Record, Any], None]] = {
     "step_failed": _failed,
 }
 
-PROJECTION = Projection("audit", 2, start, apply, tables)
+PROJECTION = Projection("audit", 3, start, apply, tables)

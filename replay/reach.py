@@ -52,7 +52,7 @@ MAY_WRITE: dict[str, tuple[str, ...]] = {
     "position_reported": ("whereabouts",),
     "battery_reported": ("batteries",),
     "home_reported": ("vehicles",),
-    "override_begun": ("overrides", "deadlines/override"),
+    "override_begun": ("overrides", "deadlines/override", "deadlines/safety"),
     "override_ended": ("overrides", "deadlines/override"),
     "vehicle_link_changed": ("vehicles", "whereabouts", "deadlines/mission"),
     "gimbal_reported": ("aims", "deadlines/aim"),

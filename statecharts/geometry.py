@@ -9,7 +9,7 @@ for ArduPilot unless told otherwise. It knows neither heights nor who flies.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -97,3 +97,12 @@ def judge(fences: Iterable[Fence], at: Point, ahead: Point) -> str:
         if fence.inclusion and not keeps_inside(at, ahead, fence.vertices):
             found = INCLUSION_EXIT
     return found
+
+
+def enters_once(fences: Sequence[Fence], at: Point, ahead: Point) -> bool:
+    """Whether a way leads over each fence once at most, and inwards: it ends where none is broken.
+
+    It must meet each boundary at one edge alone; at a corner it meets two, and is taken for one that grazes.
+    """
+    crossings = (sum(_meet(at, ahead, one, other) for one, other in _edges(fence.vertices)) for fence in fences)
+    return judge(fences, ahead, ahead) == OK and all(crossed <= 1 for crossed in crossings)

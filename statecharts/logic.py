@@ -32,7 +32,22 @@ class Change:
 
 
 # Logic 1 is the first; every later one is an entry here, in order and without a gap.
-CHANGES: tuple[Change, ...] = ()
+CHANGES: tuple[Change, ...] = (
+    Change(
+        logic=2,
+        says="missions are flown, failsafes command, and control of gimbals is asked for and followed",
+        kinds=frozenset(
+            {
+                *("send_ack", "take_gimbal", "give_up_gimbal", "set_zoom", "set_vehicle_mode", "fly_to_place"),
+                *("fetch_mission", "post_waypoint", "upload_mission", "arm_vehicle", "start_mission"),
+                *("set_mission_item", "run_selftest", "push_observations", "override_begun", "override_ended"),
+            }
+        ),
+        charts=frozenset(
+            {"link", "safety", "command", "override", "selftest", "camera", "scan", "mission", "control", "aim"}
+        ),
+    ),
+)
 LOGIC = 1 + len(CHANGES)
 
 

@@ -15,6 +15,7 @@ from events.schema.flight_pb2 import ROI_TURNING_WARN, NodeStarted, RejectedCoun
 from events.schema.orders_pb2 import ZoomCameraOrder
 from events.schema.vehicle_pb2 import CameraDescribed, GimbalControlChanged, GimbalDescribed, VehicleLinkChanged
 from events.store.protocol import Appender
+from tests import random_missions
 from tests.flights import (
     Flight,
     answered,
@@ -123,12 +124,14 @@ _MAKE: dict[str, Callable[[Flight, int, int, int], Message]] = {
     "rejected": _rejected,
     "link": lambda _flight, one, _two, _three: VehicleLinkChanged(vehicle=1, up=one % 3 > 0),
     "started": lambda _flight, one, two, _three: _started(one, "no clock" if two > 3 else ""),
+    **random_missions.MAKE,
 }
 _LIKELY = ("frame", "frame", "frame", "order", "judge", "answered", "gimbal", "control", "wait")
+WHATS: tuple[str, ...] = (*_LIKELY, *random_missions.LIKELY, *_MAKE)
 
 draws: st.SearchStrategy[list[Draw]] = st.lists(
     st.tuples(
-        st.sampled_from((*_LIKELY, *_MAKE)),
+        st.sampled_from(WHATS),
         st.integers(0, 5),
         st.integers(0, 5),
         st.integers(0, 5),
@@ -138,8 +141,9 @@ draws: st.SearchStrategy[list[Draw]] = st.lists(
 
 
 def fly(drawn: Sequence[Draw], store: Appender | None = None, end: bool = True) -> Flight:
-    """Return the flight that was drawn: the node may look at findings, and asks after two sightings."""
+    """Return the flight that was drawn: the node looks at findings, asks after two sightings, and flies missions."""
     bounds = limits(
+        **random_missions.LIMITS,
         scan_enabled=True,
         sightings_to_ask=2,
         frame_rate_floor_mhz=1_000,
@@ -151,7 +155,7 @@ def fly(drawn: Sequence[Draw], store: Appender | None = None, end: bool = True) 
     flight = Flight(store=store, limits=bounds)
     for what, one, two, three in drawn:
         flight.wait(PAUSES_MS[two % 4] if what == "wait" else 30)
-        if what != "wait":
+        for _ in range(random_missions.times(what, three)):
             flight.tell(_MAKE[what](flight, one, two, three))
     if end:
         flight.tell(closed(), 500)

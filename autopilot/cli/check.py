@@ -1,13 +1,18 @@
-"""`autopilot check`: judges a configuration and says every problem with its line; starts nothing."""
+"""`autopilot check`: judges a configuration and says every problem with its line; starts nothing.
+
+What can be used and should be thought about is a warning: words on stderr, which change no exit code.
+"""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import ipaddress
 import json
 import os
 import sys
 from typing import Any
+from urllib.parse import urlsplit
 
 from autopilot.cli.configuration import DEFAULT_PATH, VARIABLE, ConfigurationError, load
 from autopilot.cli.relay_file import is_relay, load_relay
@@ -21,7 +26,7 @@ examples:
   autopilot check --config examples/relay.toml --elsewhere    a relay's is known by its [relay]
   autopilot check --schema > autopilot.schema.json     for the editor
 
-exit codes: 0 the configuration is good, 78 it is not (every problem is on stderr)
+exit codes: 0 the configuration is good (warnings are on stderr), 78 it is not (every problem is on stderr)
 """
 
 
@@ -46,22 +51,50 @@ def run(args: argparse.Namespace) -> int:
     if args.schema:
         print(json.dumps(Config.model_json_schema(), indent=2))
         return 0
+    warned: list[str] = []
     try:
         if is_relay(args.config):
             lines = relay_summary(load_relay(args.config, inputs=not args.elsewhere))
         else:
-            lines = summary(load(args.config, os.environ, inputs=not args.elsewhere))
+            config = load(args.config, os.environ, inputs=not args.elsewhere)
+            lines, warned = summary(config), warnings(config)
     except ConfigurationError as error:
         if args.json:
             problems = [dataclasses.asdict(problem) for problem in error.problems]
-            print(json.dumps({"good": False, "problems": problems, "summary": []}))
+            print(json.dumps({"good": False, "problems": problems, "warnings": [], "summary": []}))
         print(error, file=sys.stderr)
         return error.exit_code
+    for warning in warned:
+        print(f"autopilot: warning: {warning}", file=sys.stderr)
     if args.json:
-        print(json.dumps({"good": True, "problems": [], "summary": lines}))
+        print(json.dumps({"good": True, "problems": [], "warnings": warned, "summary": lines}))
     else:
         print("\n".join(["the configuration is good", *(f"  {line}" for line in lines)]))
     return 0
+
+
+def warnings(config: Config) -> list[str]:
+    """Return what works and should be thought about."""
+    mission = config.mission
+    host = _host(mission.url)
+    if not (mission.token_file and mission.url.startswith("http://")) or _is_loopback(host):
+        return []
+    return [f"mission.url: whoever is on the way to {host or 'the office'} reads the token of token_file; use https://"]
+
+
+def _host(url: str) -> str:
+    try:
+        return urlsplit(url).hostname or ""
+    except ValueError:  # brackets without an address between them
+        return ""
+
+
+def _is_loopback(host: str) -> bool:
+    """Whether a host is this machine; a name but "localhost" may be anybody's."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def summary(config: Config) -> list[str]:

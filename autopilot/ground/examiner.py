@@ -86,13 +86,19 @@ def _link(before: Judged, after: Judged) -> Iterator[Found]:
     if manifest.previous_flight_id != before.flight_id:
         other = manifest.previous_flight_id.hex()[:8] or "none"
         yield Found(before.number + 1, 0, 0, f"flight {after.number} follows {other}, not {before.flight_id.hex()[:8]}")
-    elif count <= manifest.previous_seq:
+        return
+    if count <= manifest.previous_seq:
         yield Found(before.number, 0, count, f"{named} that it ended with record {manifest.previous_seq}")
     elif count > manifest.previous_seq + 1:
         first = manifest.previous_seq + 1
         yield Found(before.number, 0, first, f"{named} that it ended before record {first}")
     elif before.leaves[-1] != manifest.previous_leaf:
         yield Found(before.number, 0, count - 1, f"{named} that its last leaf was another one")
+    else:
+        return
+    if count in before.signed:  # then it is the next one's word against a signature, and either may be what was changed
+        because = f"or it is wrong about flight {before.number}, which is signed up to its end"
+        yield Found(after.number, 0, 0, because)
 
 
 def _witnessed(begun: list[Judged], kept: Kept) -> Iterator[Found]:

@@ -22,7 +22,7 @@ from autopilot.ground.papers import ProofRefused as ProofRefused
 
 FORMAT = "autopilot-proof/1"
 # Observations that answer an effect name its seq in this field of their body, by kind.
-ANSWERS = {23: 1, 43: 1, 44: 1, 45: 1, 49: 5, 160: 9, 161: 1, 164: 1, 166: 1, 167: 1, 181: 1}
+ANSWERS = {23: 1, 43: 1, 44: 1, 45: 1, 49: 5, 160: 9, 161: 1, 164: 1, 166: 1, 167: 1, 181: 1, 199: 1}
 
 # flight_id, seq, cause, flight_ns, mono_ns, boot, wall_ns, clock_quality, kind, version, leaf before; then the body's
 _LEAF = struct.Struct(">c16sQqQQIqBHB32s32s")

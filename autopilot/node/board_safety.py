@@ -12,6 +12,7 @@ STATES = {
     "unreachable": "vehicle unreachable",
     "overruled": "landing instead",
     "pending": "about to command",
+    "settling": "over for the moment",
 }
 
 

@@ -149,7 +149,7 @@ def _selftest(
     if book is None or not config.mission.enabled:
         return None
     facts = None if vehicle is None else vehicle.facts
-    return Selftest(config, clock, book, inbox.offer, facts, lambda: eyes.detector_us)
+    return Selftest(config, clock, book, inbox.offer, facts, eyes.facts)
 
 
 def _missions(

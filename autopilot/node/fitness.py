@@ -26,7 +26,7 @@ FIX_3D = 3  # GPS_FIX_TYPE
 SATELLITES_GOOD, SATELLITES_FEW = 8, 6
 HDOP_GOOD_E2, HDOP_POOR_E2 = 150, 250  # dilution of 1.5 is usual under open sky; from 2.5 on a fence is a guess
 GIMBAL_SILENT_MS = 3_000  # it is asked for ten times a second
-FRAMES_SILENT_MS = 3_000
+FRAMES_SILENT_MS = 3_000  # of all frames, not of those that are recorded
 WARM_US = 100_000  # a detector that takes longer than this for a frame is not yet warm, or too slow (10 a second)
 BATTERY_MARGIN_PERCENT = 25  # above the charge at which the vehicle returns: else the flight ends as it begins
 OPERATOR_SILENT_MS = 5_000
@@ -41,7 +41,8 @@ class Found:
     """What was found; None where there is no such thing here, or nothing of it was heard."""
 
     log_failure: str  # why nothing can be written beside the log; "" where it can
-    free_bytes: int
+    free_bytes: int | None  # None: it could not be found out, and `space_failure` says why
+    space_failure: str
     needed_bytes: int  # what `[retention] min_free_mib` keeps free
     clock_trusted: bool
     token_left_ms: int
@@ -69,6 +70,8 @@ def log(found: Found) -> Verdict:
 
 def space(found: Found) -> Verdict:
     """Whether the disk has room for the flight."""
+    if found.free_bytes is None:
+        return FAIL, f"it can't be told how much is free: {found.space_failure}"
     words = f"{found.free_bytes // MIB} MiB free"
     if found.free_bytes < found.needed_bytes // 4:
         return FAIL, f"{words}: push and delete flights first"
@@ -208,6 +211,12 @@ ITEMS: dict[str, Callable[[Found], Verdict]] = {
     "link": link,
     "mission": mission,
 }
+
+
+def unlooked(because: str) -> list[SelftestItem]:
+    """Return every item as one that nothing is known of: a test that could not look is no reason to fly."""
+    words = f"this could not be looked at: {because}"
+    return [SelftestItem(name=name, verdict=FAIL, words=words) for name in ITEMS]
 
 
 def judged(found: Found) -> list[SelftestItem]:

@@ -1,7 +1,8 @@
 """The self-test as the shell runs it: looks at everything, has it judged, and reports it in one observation.
 
-It performs `run_selftest`. What was heard last of frames, gimbal, mission and operators is noted from the records as
-they become durable; the rest is looked at when the test runs. It decides nothing: the chart `selftest` does.
+It performs `run_selftest`. What was heard last of gimbal, mission and operators is noted from the records as they
+become durable; the rest is looked at when the test runs. Whatever a look comes to, there is a report with every item,
+for the mission waits for it. It decides nothing: the chart `selftest` does.
 """
 
 from __future__ import annotations
@@ -15,19 +16,19 @@ from pathlib import Path
 
 from google.protobuf.message import Message
 
-from autopilot.node.fitness import Found, judged
+from autopilot.node.fitness import Found, judged, unlooked
 from autopilot.ports.config import Config
-from autopilot.ports.edges import InputClass, Offer, VehicleFacts
+from autopilot.ports.edges import EyesFacts, InputClass, Offer, VehicleFacts
 from autopilot.trust.book import TrustBook
 from autopilot.trust.clock import Clock
 from events.records import Record
-from events.schema.mission_pb2 import MissionPlanned, RunSelftest, SelftestReported
+from events.schema.mission_pb2 import MissionPlanned, RunSelftest, SelftestItem, SelftestReported
 from statecharts import State
 
 OFFER_AGAIN_S = 0.05
 PROBE = ".selftest"
 VEHICLE = 1
-_HEARD = ("frame_observed", "gimbal_reported", "operator_heard")
+_HEARD = ("gimbal_reported", "operator_heard")
 
 
 @dataclass(slots=True)
@@ -65,10 +66,10 @@ class Selftest:
         book: TrustBook,
         offer: Offer,
         vehicle: Callable[[], VehicleFacts] | None,
-        detector_us: Callable[[], int | None],
+        eyes: Callable[[], EyesFacts],
     ) -> None:
         self._config, self._clock, self._book, self._offer = config, clock, book, offer
-        self._vehicle, self._detector_us = vehicle, detector_us
+        self._vehicle, self._eyes = vehicle, eyes
         self._tasks: set[asyncio.Task[None]] = set()
         self.noted = Noted({})
 
@@ -83,28 +84,36 @@ class Selftest:
     async def _run(self, seq: int, vehicle: int) -> None:
         while self.noted.head < seq:  # the node performs first and notes then; the plan is in the same batch
             await asyncio.sleep(OFFER_AGAIN_S)
-        facts = None if self._vehicle is None else self._vehicle()
-        found = await asyncio.to_thread(self._look, facts)
-        report = SelftestReported(effect_seq=seq, vehicle=vehicle, items=judged(found))
+        report = SelftestReported(effect_seq=seq, vehicle=vehicle, items=await self._items())
         while not self._offer(InputClass.OUTCOME, report):
             await asyncio.sleep(OFFER_AGAIN_S)
 
-    def _look(self, vehicle: VehicleFacts | None) -> Found:
+    async def _items(self) -> list[SelftestItem]:
+        """Look and judge; where that raises, every item says so."""
+        try:
+            vehicle = None if self._vehicle is None else self._vehicle()
+            return judged(await asyncio.to_thread(self._look, vehicle, self._eyes()))
+        except Exception as error:  # noqa: BLE001 - whatever a look raises, the mission waits for a report
+            return unlooked(f"{type(error).__name__}: {error}")
+
+    def _look(self, vehicle: VehicleFacts | None, eyes: EyesFacts) -> Found:
         """Look at everything; called on a thread of its own, for it touches the disk."""
         config, noted, time = self._config, self.noted, self._book.time()
         flights = Path(config.node.flights)
         held = self._book.held
+        free_bytes, space_failure = free(flights)
         return Found(
             log_failure=written(flights),
-            free_bytes=shutil.disk_usage(flights).free,
+            free_bytes=free_bytes,
+            space_failure=space_failure,
             needed_bytes=config.retention.min_free_mib << 20,
             clock_trusted=time.trusted,
             token_left_ms=held.token.not_after_ms - time.now_ms,
             has_epoch=any(epoch.not_before_ms <= time.now_ms for epoch in held.epochs.values()),
             list_overdue_ms=self._book.overdue_ms(),
             has_camera=config.eyes.source != "none",
-            frame_ms_ago=self._ago_ms("frame_observed"),
-            detector_us=self._detector_us(),
+            frame_ms_ago=eyes.frame_ms_ago,
+            detector_us=eyes.detector_us,
             has_gimbal=config.eyes.pose is None and vehicle is not None,
             gimbal_ms_ago=self._ago_ms("gimbal_reported") if vehicle is None else vehicle.heard_ms_ago.get("gimbal"),
             vehicle=vehicle,
@@ -118,6 +127,14 @@ class Selftest:
     def _ago_ms(self, kind: str) -> int | None:
         heard_ns = self.noted.heard_ns.get(kind)
         return None if heard_ns is None else max(self._clock.mono_ns() - heard_ns, 0) // 1_000_000
+
+
+def free(folder: Path) -> tuple[int | None, str]:
+    """Return how many bytes are free on the disk of a folder and "", or None and why that can't be told."""
+    try:
+        return shutil.disk_usage(folder).free, ""
+    except OSError as error:
+        return None, error.strerror or str(error)
 
 
 def written(folder: Path) -> str:

@@ -71,6 +71,13 @@ class VehicleFacts:
     heard_ms_ago: Mapping[str, int]  # by what was heard: "heartbeat", "fix", "battery", "home", ...
 
 
+class EyesFacts(NamedTuple):
+    """What is known of a camera and its detector at a moment, for the self-test. None where nothing came yet."""
+
+    frame_ms_ago: int | None  # the newest frame, with something in it or not
+    detector_us: int | None  # how long the detector took for the newest frame that says so
+
+
 class PoseSource(Protocol):
     """Knows the camera's pose at a moment."""
 

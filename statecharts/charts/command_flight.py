@@ -1,7 +1,9 @@
 """Guards of the chart `command` about the flight and its mission: what may be asked, when, and to which place.
 
 A place that the vehicle is to fly to is held against the fences before the vehicle is asked, and so is the straight way
-there from where it is, where that is known. An autopilot would fly it, and the failsafe would have to bring it back.
+there from where it is, where that is known. An autopilot would fly it, and the failsafe would have to bring it back. A
+vehicle that is outside a fence while a person holds that failsafe off may be ordered straight back in: over each fence
+once, inwards.
 """
 
 from __future__ import annotations
@@ -9,8 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from events.schema.common_pb2 import Place
+from events.schema.safety_pb2 import OVERRIDE_FENCE_RETURN
 from statecharts import geometry
 from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
+from statecharts.charts.safety import DEMANDING
 
 if TYPE_CHECKING:
     from statecharts.charts.command import Facts
@@ -18,8 +22,6 @@ if TYPE_CHECKING:
 
 MISSION_VERBS = ("mission", "acknowledge")
 VEHICLE = 1  # orders name no vehicle: there is one
-# States of the chart `safety` in which a failsafe has its way, or waits to have it.
-DEMANDING = ("unreachable", "overruled", "complying", "pending", "landing", "returning")
 
 # In which states of the mission what may be asked of it.
 MAY_ASK: dict[str, tuple[str, ...]] = {
@@ -114,7 +116,15 @@ def _broken(facts: Facts, *, way: bool = False) -> str:
     to = place.east_mm, place.north_mm
     here = facts.state.whereabouts.get(VEHICLE) if way else None
     start = to if here is None else (here.spot.east_mm, here.spot.north_mm)
-    return geometry.judge(facts.state.fences.values(), start, to)
+    fences = tuple(facts.state.fences.values())
+    if _fence_is_held_off(facts) and geometry.enters_once(fences, start, to):
+        return geometry.OK
+    return geometry.judge(fences, start, to)
+
+
+def _fence_is_held_off(facts: Facts) -> bool:
+    held = facts.state.overrides.get((VEHICLE, OVERRIDE_FENCE_RETURN))
+    return held is not None and held.until_ns > facts.now_ns
 
 
 def outside_inclusion(facts: Facts) -> bool:
@@ -128,5 +138,8 @@ def inside_exclusion(facts: Facts) -> bool:
 
 
 def through_fence(facts: Facts) -> bool:
-    """The straight way to the place leads through a fence. Where the vehicle is not known the place alone counts."""
+    """The straight way to the place leads through a fence, and not just back in while that may be.
+
+    Where the vehicle is not known the place alone counts.
+    """
     return _broken(facts, way=True) != geometry.OK

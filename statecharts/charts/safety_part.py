@@ -8,10 +8,10 @@ from events.records import Record
 from events.schema import safety_pb2
 from events.schema.common_pb2 import Moved
 from events.schema.mission_pb2 import MissionPlanned
-from events.schema.safety_pb2 import SetVehicleMode
+from events.schema.safety_pb2 import OverrideBegun, SetVehicleMode
 from statecharts import geometry
 from statecharts.charts.link import OPERATORS
-from statecharts.charts.safety import CHART, COMMANDS, Facts
+from statecharts.charts.safety import CHART, COMMANDS, DEMANDING, Facts
 from statecharts.facts import Failsafe, Whereabouts
 from statecharts.geometry import Fence, Point
 from statecharts.part import Part
@@ -21,6 +21,9 @@ from statecharts.table import Answer, Row, moved
 NS_PER_MS = 1_000_000
 # A manifest that allows less is not believed: nobody can comply sooner, and the log would fill.
 AGAIN_LEAST_MS = 1_000
+# How long nothing is demanded where an episode is over though the vehicle never obeyed: two places at their slowest,
+# so that one that is wrong does not end it, and as long as the least time between two commands.
+CALM_MS = AGAIN_LEAST_MS
 
 FENCE, BATTERY, LINK = "fence", "battery", "link"
 SCOPES = {
@@ -59,8 +62,8 @@ def again_ns(state: State) -> int:
     return max(state.flight.limits.failsafe_again_ms, AGAIN_LEAST_MS) * NS_PER_MS
 
 
-def _demand(state: State, name: str, number: int) -> str:
-    """Return what a failsafe demands of an armed vehicle."""
+def _demand(state: State, name: str, number: int) -> str | None:
+    """Return what a failsafe demands of an armed vehicle; "" for nothing, None where that is not known."""
     limits = state.flight.limits
     match name:
         case "battery":
@@ -74,8 +77,10 @@ def _demand(state: State, name: str, number: int) -> str:
             link = state.links.get(OPERATORS)
             return "returning" if link is not None and link.state == "lost" else ""
     here = state.whereabouts.get(number)
-    if here is None or not len(state.fences):
+    if not len(state.fences):
         return ""
+    if here is None:
+        return None
     return "" if geometry.judge(state.fences.values(), *_way(state, here)) == geometry.OK else "returning"
 
 
@@ -86,7 +91,7 @@ def _way(state: State, here: Whereabouts) -> tuple[Point, Point]:
 
 
 def _look(
-    state: State, number: int, name: str, demand: str, now_ns: int, demands: dict[str, str]
+    state: State, number: int, name: str, demand: str | None, now_ns: int, demands: dict[str, str | None]
 ) -> tuple[Message, ...]:
     key, vehicle = f"{number}/{name}", state.vehicles[number]
     failsafe = state.failsafes.get(key) or Failsafe()
@@ -94,11 +99,13 @@ def _look(
         return ()
     held = state.overrides.get((number, SCOPES[name]))
     facts = Facts(
-        demand=demand,
+        demand=demand or "",
+        known=demand is not None,
         held=held is not None and held.until_ns > now_ns,
         link=vehicle.link,
         landing_elsewhere=any(other == "landing" for other in demands.values()),
-        complies=bool(demand) and vehicle.flight_mode in COMPLYING[demand],
+        complies=not vehicle.armed or vehicle.flight_mode in COMPLYING.get(demand or failsafe.commanded, ()),
+        rested=failsafe.state == "settling" and now_ns >= state.deadlines[CHART.name, key],
         commanded=failsafe.commanded,
         since_ns=now_ns - failsafe.commanded_ns,
         again_ns=again_ns(state),
@@ -142,15 +149,30 @@ def _apply_move(state: State, record: Record) -> None:
     assert isinstance(change, Moved)
     if change.chart != CHART.name:
         return
-    before = state.failsafes.get(change.instance) or Failsafe()
-    failsafe = before._replace(state=change.to_state)
-    if change.to_state in COMMANDS:  # its command is the next record of this step
-        failsafe = failsafe._replace(commanded=change.to_state, commanded_ns=record.at.flight_ns)
-    state.failsafes.put(change.instance, failsafe)
-    if change.to_state in (*COMMANDS, "pending"):
-        state.deadlines.put((CHART.name, change.instance), failsafe.commanded_ns + again_ns(state))
+    key, to, now_ns = change.instance, change.to_state, record.at.flight_ns
+    # With the episode what it commanded is forgotten.
+    before = Failsafe() if to == "ok" else state.failsafes.get(key) or Failsafe()
+    failsafe = before._replace(state=to)
+    if to in COMMANDS:  # its command is the next record of this step
+        failsafe = failsafe._replace(commanded=to, commanded_ns=now_ns)
+    state.failsafes.put(key, failsafe)
+    if to in (*COMMANDS, "pending"):
+        state.deadlines.put((CHART.name, key), failsafe.commanded_ns + again_ns(state))
+    elif to == "settling":
+        state.deadlines.put((CHART.name, key), now_ns + CALM_MS * NS_PER_MS)
     else:
-        state.deadlines.drop((CHART.name, change.instance))
+        state.deadlines.drop((CHART.name, key))
+
+
+def _held_off(state: State, record: Record) -> None:
+    """Look at once at what a person begins to hold off, unless it is the landing: that look is sure to move."""
+    begun = record.message
+    assert isinstance(begun, OverrideBegun)
+    for name, scope in SCOPES.items():
+        failsafe = state.failsafes.get(f"{begun.vehicle}/{name}")
+        demands = scope == begun.scope and failsafe is not None and failsafe.state in DEMANDING
+        if demands and _demand(state, name, begun.vehicle) != "landing":
+            state.deadlines.put((CHART.name, f"{begun.vehicle}/{name}"), record.at.flight_ns)
 
 
 PART = Part(
@@ -168,6 +190,6 @@ PART = Part(
         }
     ),
     decide=decide,
-    evolve={"mission_planned": _fence, "moved": _apply_move},
+    evolve={"mission_planned": _fence, "moved": _apply_move, "override_begun": _held_off},
     safety=True,
 )

@@ -4,6 +4,10 @@ It takes reports and decisions for what they say, also where a chart failed on t
 longer than failsafes may wait without the command that it demands is a breach; a second is allowed for a shell that is
 late. Only places count here, not the look ahead of the chart; and silence of the operators with the whole grace of a
 following, whether anything is followed or not.
+
+A command may come again sooner where the one before is done with: nothing was demanded while the vehicle was in its
+mode or disarmed, or nothing was for a second on end. That nothing is demanded is what the chart says; it is doubted
+where the newest reports demand it, and, of a fence, where nobody knows where the vehicle is.
 """
 
 from __future__ import annotations
@@ -28,6 +32,8 @@ LEAST_AGAIN_MS = 1_000
 WORDS = ("operator_heard", "order_received", "order_malformed")  # of operators
 LANDING, RETURNING = safety_pb2.FLIGHT_MODE_LAND, safety_pb2.FLIGHT_MODE_RETURN
 _COMMANDS = {"landing": LANDING, "returning": RETURNING}
+_OBEYS: dict[int, tuple[int, ...]] = {LANDING: (LANDING,), RETURNING: (RETURNING, LANDING)}
+CALM, CALM_NS = ("ok", "settling"), 1_000_000_000  # states in which nothing is demanded
 _SCOPES = {
     "battery": safety_pb2.OVERRIDE_BATTERY_RETURN,
     "link": safety_pb2.OVERRIDE_LINK_RETURN,
@@ -81,7 +87,8 @@ class Failsafes(Monitor):
         self._held: dict[tuple[int, int], int] = {}  # vehicle, scope: until, flight_ns
         self._word_ns: int | None = None  # since when operators are silent: flight_ns; None: it does not count
         self._heard = False  # any of them was, in this flight
-        self._commanded: dict[tuple[str, str], int] = {}  # instance and what it commanded: when, flight_ns
+        self._commanded: dict[tuple[str, int], int] = {}  # instance and mode, until it is done with: when, flight_ns
+        self._calm: dict[str, int] = {}  # instance: since when nothing is demanded, flight_ns
 
     def resume(self, state: State) -> None:
         """Take over what was told before the start, and is not told again."""
@@ -98,19 +105,24 @@ class Failsafes(Monitor):
         if not (self.limits.flight_enabled or self.limits.mission_enabled):
             return
         now_ns = step[0].at.flight_ns
+        if not isinstance(step[0].message, NodeStarted | VehicleLinkChanged):
+            self._forget(now_ns)
         self._hear(step[0].message, now_ns)
         if step[0].kind.name in WORDS:
             self._word_ns, self._heard = now_ns, True
         for place, record in enumerate(step):
             match record.message:
-                case Moved(chart="safety", to_state=to) as change if to in _COMMANDS:
-                    yield from self._commands(change, now_ns, step[place + 1 : place + 2])
+                case Moved(chart="safety") as change:
+                    yield from self._moves(change, now_ns, step[place + 1 : place + 2])
                 case SetVehicleMode() as command:
                     self._of(command.vehicle).told[command.mode] = now_ns
                 case OverrideBegun() as begun:
                     self._held[begun.vehicle, begun.scope] = now_ns + begun.held_for_ms * NS_PER_MS
                 case OverrideEnded() as ended:
                     self._held.pop((ended.vehicle, ended.scope), None)
+        for instance in [one for one in self._calm if self._doubts(one, now_ns)]:
+            del self._calm[instance]
+        self._forget(now_ns)
         for number, vehicle in self._vehicles.items():
             yield from self._missing(number, vehicle, now_ns)
 
@@ -151,10 +163,35 @@ class Failsafes(Monitor):
     def _again_ns(self) -> int:
         return max(self.limits.failsafe_again_ms, LEAST_AGAIN_MS) * NS_PER_MS
 
+    def _forget(self, now_ns: int) -> None:
+        """Forget the commands that are done with."""
+        for instance, mode in tuple(self._commanded):
+            since_ns, vehicle = self._calm.get(instance), self._of(int(instance.partition("/")[0]))
+            obeyed = not vehicle.armed or vehicle.mode in _OBEYS[mode]
+            if since_ns is not None and (obeyed or now_ns - since_ns >= CALM_NS):
+                del self._commanded[instance, mode]
+
+    def _doubts(self, instance: str, now_ns: int) -> bool:
+        """Whether the newest reports say otherwise than a chart that says that nothing is demanded."""
+        number, _, name = instance.partition("/")
+        vehicle = self._of(int(number))
+        unseen = name == "fence" and bool(self._areas) and vehicle.spot is None
+        return vehicle.armed and (unseen or self._is_demanded(name, vehicle, now_ns))
+
+    def _moves(self, change: Moved, now_ns: int, following: Step) -> Said:
+        """Follow a move of a failsafe, and judge one that commands."""
+        if change.to_state in CALM:
+            self._calm.setdefault(change.instance, now_ns)
+        else:
+            self._calm.pop(change.instance, None)
+        if change.to_state in _COMMANDS:
+            yield from self._commands(change, now_ns, following)
+
     def _commands(self, change: Moved, now_ns: int, following: Step) -> Said:
         """Judge a move that commands; the command is the record behind it."""
         number, _, name = change.instance.partition("/")
-        key, mode = (change.instance, change.to_state), _COMMANDS[change.to_state]
+        mode = _COMMANDS[change.to_state]
+        key = change.instance, mode
         if not (following and isinstance(one := following[0].message, SetVehicleMode) and one.mode == mode):
             yield "failsafes_command", f"{change.instance} is {change.to_state} and commands nothing"
         if key in self._commanded and now_ns - self._commanded[key] < self._again_ns():
@@ -182,20 +219,27 @@ class Failsafes(Monitor):
             bool(lost_ms) and self._word_ns is not None and now_ns - self._word_ns >= (lost_ms + grace_ms) * NS_PER_MS
         )
 
+    def _is_demanded(self, name: str, vehicle: _Vehicle, now_ns: int) -> bool:
+        """Whether reports demand the return of a vehicle, by the name of a failsafe."""
+        match name:
+            case "battery":
+                return self._is_low(vehicle)
+            case "link":
+                return self._is_unheard(now_ns)
+        return vehicle.spot is not None and is_outside(vehicle.spot, self._areas)
+
+    def _returns(self, number: int, vehicle: _Vehicle, name: str, now_ns: int) -> bool:
+        return self._is_demanded(name, vehicle, now_ns) and not self._is_held(number, name, now_ns)
+
     def _missing(self, number: int, vehicle: _Vehicle, now_ns: int) -> Said:
         """Say which command has been due for too long."""
         empty, flies = self._is_empty(vehicle), vehicle.armed and vehicle.up
-        out = vehicle.spot is not None and is_outside(vehicle.spot, self._areas)
         homes = (RETURNING, LANDING)
         astray = flies and vehicle.mode not in homes
-        returns = (
-            ("returns_at_fence", "fence", out),
-            ("returns_when_low", "battery", self._is_low(vehicle)),
-            ("returns_unheard", "link", self._is_unheard(now_ns)),
-        )
+        returns = (("returns_at_fence", "fence"), ("returns_when_low", "battery"), ("returns_unheard", "link"))
         demands = (
             ("lands_when_empty", empty and vehicle.mode != LANDING, (LANDING,)),
-            *((name, astray and so and not self._is_held(number, scope, now_ns), homes) for name, scope, so in returns),
+            *((name, astray and self._returns(number, vehicle, scope, now_ns), homes) for name, scope in returns),
         )
         for name, demanded, modes in demands:
             if not demanded:

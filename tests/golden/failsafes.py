@@ -40,6 +40,10 @@ PLAN = """
 0 order x3 override fence for=2 | 0 spot 200,0 | 9 spot 200,0
 0 order x4 override landing | 0 order x5 override fence because= | 0 order x6 override link roles=camera
 0 order x7 override link for=9 | 0 order x8 override link for=5 by=bravo | 0 start no clock | 0 vehicle up
+0 grounded | 20 battery 90 | 0 flies | 0 spot 0,0 | 0 battery 20 | 0 battery 90 | 0 battery 14 | 0 battery 90
+0 flies return | 0 battery 20 | 0 battery 90 | 0 grounded | 20 flies | 0 spot 200,0 | 0 spot 0,0 | 0 battery 14
+0 spot 200,0 | 0 grounded | 20 battery 90 | 0 flies | 0 spot 0,0 | 0 battery 20 | 0 battery 90
+0 order x9 override battery for=2 | 0 battery 20 | 0 battery 90 | 9 spot 0,0
 """
 SILENCE = """
 0 grounded | 0 start no clock | 0 flies | 6 spot 0,0 | 0 grounded | 0 flies | 40 spot 0,0 | 0 grounded | 0 vehicle up

@@ -105,7 +105,7 @@ UNTESTED = ("linking", "checking", "selftest", "paused", "aborted", "done")  # w
 
 # Rows that no flight can ask for, by reason: "chart state triggers". A row that is asked after all must leave.
 UNREACHED = {
-    "a failsafe at rest of which nothing is demanded is not asked": ("safety ok looked",),
+    "a failsafe at rest of which nothing is demanded is not asked, and it remembers no command": ("safety ok looked",),
     "only the battery demands the landing, and nothing is stronger": (
         "safety overruled looked",
         "safety landing looked",

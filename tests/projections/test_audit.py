@@ -81,6 +81,15 @@ def test_an_order_from_arrival_to_answer() -> None:
     check_kinds(flight, row, *intended, *done)
 
 
+@pytest.mark.parametrize("words", ["fly to=1,2", "go-into loiter"])
+def test_an_order_of_the_flight_rests_on_what_the_vehicle_answered(words: str) -> None:
+    """As one that points the camera does."""
+    story = Story(flight_enabled=True, flight_roles=["flight"])
+    story.tell(f"order a {words}")
+    story.flight.tell(answered(story.flight.effect(), attempts=2), 30)
+    check_row(story.flight, "order", "a", result="accepted", mav_result=0, attempts=2)
+
+
 def test_an_order_that_is_underway_has_no_result() -> None:
     """Nothing is claimed before it is known."""
     flight = Flight()

@@ -144,3 +144,32 @@ def test_several_inclusions_as_shapely_has_them(areas: list[tuple[Spot, ...]], s
     leg = shaped(start, end)
     kept = all(Polygon(area).contains_properly(leg) for area in areas)
     check_leg(start, end, OK if kept else INCLUSION_EXIT, *(Fence(True, area) for area in areas))
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.booleans(), polygons(SMALL), spots(SMALL), spots(SMALL))
+def test_a_way_that_enters_once_as_shapely_has_it(
+    inclusion: bool, polygon: tuple[Spot, ...], at: Spot, to: Spot
+) -> None:
+    """Allowed, it is unsafe at its beginning alone; and every such way is, but one at a corner or begun on an edge."""
+    shape, leg, found = Polygon(polygon), shaped(at, to), geometry.enters_once((Fence(inclusion, polygon),), at, to)
+    unsafe = leg.difference(shape) if inclusion else leg.intersection(shape)
+    ends_well = shape.contains_properly(Point(to)) if inclusion else not shape.intersects(Point(to))
+    one_piece = unsafe.is_empty or (unsafe.geom_type in ("Point", "LineString") and unsafe.intersects(Point(at)))
+    corners = any(leg.intersects(Point(corner)) for corner in polygon) or shape.boundary.intersects(Point(at))
+    check_equal(found and not (ends_well and one_piece), False)
+    if not corners:
+        check_equal(found, ends_well and one_piece)
+
+
+def test_a_way_over_several_fences() -> None:
+    """Each once; one fence that is crossed twice, or at a corner, is one too many."""
+    both = (Fence(True, SQUARE), Fence(False, NEXT))
+    check_equal(geometry.enters_once((), (0, 0), (5, 5)), True)
+    check_equal(geometry.enters_once(both, (12, 5), (5, 5)), True)
+    check_equal(geometry.enters_once(both, (25, 5), (5, 5)), False)
+    check_equal(geometry.enters_once(both, (-5, 5), (5, 5)), True)
+    check_equal(geometry.enters_once(both, (-5, -5), (5, 5)), False)
+    check_equal(geometry.enters_once(both, (12, 5), (9, 5)), False)
+    check_equal(geometry.enters_once((Fence(True, BAY),), (15, 40), (25, 20)), False)
+    check_equal(geometry.enters_once((Fence(True, BAY),), (5, 20), (25, 20)), False)

@@ -2,9 +2,9 @@
 
 For each: a flight in which answers are lost, doubled, forged and never final, the gimbal is taken, the clock jumps and
 the autopilot starts again; one in which the place jumps and another station flies it over a fence; one with operators
-who are silent for 4, 6, 31 and 70 s after their last recorded word; and one whose battery sags. The world runs four
-times as fast where nothing of that depends on it, and as fast as the node where it does. Each flight must replay
-identically, with no property broken.
+who are silent for 4, 6, 31 and 70 s after their last recorded word; one in which they go away while a camera follows
+what they confirmed; and one whose battery sags. The world runs four times as fast where nothing of that depends on it,
+and as fast as the node where it does. Each flight must replay identically, with no property broken.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.whole import misfortunes
+from tests.whole import following, misfortunes
 from tests.whole.flights import LONG, Mission
 
 PERSONALITIES = ("ardupilot", "px4")
 ROUNDS = 1  # of each misfortune, in each flight
 AT_ONCE = 4  # flights: most of each is waiting
 SILENCES_S = (4.0, 6.0, 31.0, 70.0)
+LOST_S, GRACE_S = 30.0, 30.0
 Report = Callable[[str], None]
 
 
@@ -47,7 +48,7 @@ def run(count: int | None, seed: int, report: Report) -> dict[str, Any]:
     with ThreadPoolExecutor(AT_ONCE) as pool:
         jobs = [
             pool.submit(fly, seen, personality, rounds, report)
-            for fly in (_silences, _fences, _answers, _battery)
+            for fly in (_silences, _following, _fences, _answers, _battery)
             for personality in PERSONALITIES
         ]
         for job in jobs:
@@ -98,7 +99,7 @@ def _answers(seen: Seen, personality: str, rounds: int, report: Report) -> None:
 
 
 def _fences(seen: Seen, personality: str, rounds: int, report: Report) -> None:
-    """Fly over a fence at the world's own speed; a failsafe may command again after 5 s."""
+    """Fly over a fence at the world's own speed; late answers of the modes before would keep a pause waiting."""
     with _flight(seen, personality, 1, report) as flight:
         for _ in range(rounds):
             ms, beyond_m = misfortunes.check_fence_at_speed(flight)
@@ -116,6 +117,13 @@ def _silences(seen: Seen, personality: str, rounds: int, report: Report) -> None
         for seconds in SILENCES_S:
             misfortunes.check_silence(flight, seconds)
             seen.checks[f"silence of {seconds:g} s"] += 1
+
+
+def _following(seen: Seen, personality: str, rounds: int, report: Report) -> None:
+    del rounds
+    with _flight(seen, personality, 1, report) as flight:
+        following.check_silence_while_following(flight, LOST_S, GRACE_S)
+        seen.checks["silence while something is followed"] += 1
 
 
 def _battery(seen: Seen, personality: str, rounds: int, report: Report) -> None:

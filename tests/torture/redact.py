@@ -15,14 +15,10 @@ from projections.bundle import build_redacted
 from projections.words import ranges
 from replay.verdict import Outcome
 from replay.verify import verify
-from tests.random_flights import Draw, fly
+from tests.random_flights import WHATS, Draw, fly
 from tests.replay.copies import Copy
 
 FULL = 5_000
-_WHATS = (
-    *("frame", "frame", "frame", "order", "judge", "wait", "sent", "answered", "unanswered", "gimbal", "position"),
-    *("published", "malformed", "rejected", "link", "started"),
-)
 
 
 def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str, Any]:
@@ -56,7 +52,7 @@ def run(count: int | None, seed: int, report: Callable[[str], None]) -> dict[str
 
 def _draws(chance: random.Random) -> list[Draw]:
     return [
-        (chance.choice(_WHATS), chance.randrange(6), chance.randrange(6), chance.randrange(6))
+        (chance.choice(WHATS), chance.randrange(6), chance.randrange(6), chance.randrange(6))
         for _ in range(chance.randrange(1, 60))
     ]
 

@@ -244,7 +244,7 @@ def check_disk_full(flight: Mission, ballast: Path) -> None:
 
 
 def rest(seconds: float) -> None:
-    """Let a failsafe's wait pass: it commands no sooner than that after its last command."""
+    """Let the time of late answers pass: until then a pause waits, and may expire."""
     threading.Event().wait(seconds)
 
 

@@ -26,7 +26,7 @@ from autopilot.adapters.eyes.sources import Lost, Refused, Source, source_of
 from autopilot.adapters.eyes.thinning import Empties
 from autopilot.geo import Origin
 from autopilot.ports.config import EyesSection
-from autopilot.ports.edges import Clock, InputClass, Offer, PoseSource
+from autopilot.ports.edges import Clock, EyesFacts, InputClass, Offer, PoseSource
 from autopilot.wire.detections_pb2 import DetectionBatch
 from events.schema.eyes_pb2 import EyesChanged
 
@@ -69,7 +69,6 @@ class Eyes:
         self.ended = asyncio.Event()
         self.refusal: str | None = None
         self.rejected: Counter[str] = Counter()
-        self.detector_us: int | None = None  # how long the detector took for the newest frame; None before it told
         self._settings = settings
         self._offer, self._clock, self._room, self._sleep = offer, clock, room, sleep
         self._camera, self._vehicle = camera, vehicle
@@ -80,6 +79,14 @@ class Eyes:
         self._task: asyncio.Task[None] | None = None
         self._told: tuple[str, str] = ("", "")
         self._running_since_ns: int | None = None
+        self._detector_us: int | None = None
+        self._frame_ns: int | None = None  # when the newest frame came, also one that is not recorded; monotonic
+
+    def facts(self) -> EyesFacts:
+        """Return what the self-test asks. On the loop that the eyes run on."""
+        frame_ns = self._frame_ns
+        frame_ms_ago = None if frame_ns is None else max(self._clock.mono_ns() - frame_ns, 0) // 1_000_000
+        return EyesFacts(frame_ms_ago, self._detector_us)
 
     async def start(self) -> None:
         """Begin to look; returns at once. Does nothing where `source = "none"`."""
@@ -164,9 +171,10 @@ class Eyes:
 
     async def _observe(self, batch: DetectionBatch) -> None:
         """Offer one frame, and before the first one that the eyes are running."""
+        self._frame_ns = self._clock.mono_ns()
         if self._running_since_ns is None:
-            self._running_since_ns = self._clock.mono_ns()
-        self.detector_us = batch.latency_us if batch.HasField("latency_us") else self.detector_us
+            self._running_since_ns = self._frame_ns
+        self._detector_us = batch.latency_us if batch.HasField("latency_us") else self._detector_us
         await self._tell("running", "", batch.model)
         captured_ns = batch.captured_ns or self._clock.mono_ns()
         observed = self._places.observed(batch, self._vehicle, captured_ns)

@@ -266,6 +266,40 @@ def test_check_says_who_commands_the_flight(
     assert (err, f"  the flight commanded by this node: {expected}\n" in out) == ("", True)
 
 
+@pytest.mark.parametrize(
+    ("url", "token", "host"),
+    [
+        ("http://office.example:8088", True, "office.example"),
+        ("http://10.13.0.1", True, "10.13.0.1"),
+        ("http://[fd00::1]:80/x", True, "fd00::1"),
+        ("http://localhost.example", True, "localhost.example"),
+        ("http://[", True, "the office"),
+        ("http://office.example:8088", False, ""),
+        ("https://office.example", True, ""),
+        ("http://127.0.0.1:8088", True, ""),
+        ("http://127.9.9.9", True, ""),
+        ("http://[::1]:8088", True, ""),
+        ("http://LocalHost:8088", True, ""),
+    ],
+)
+def test_check_warns_of_a_token_that_is_sent_in_plain(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, url: str, token: bool, host: str
+) -> None:
+    """Words on stderr and in the JSON; the configuration is good all the same."""
+    (tmp_path / "token").write_text("secret")
+    (tmp_path / "token").chmod(0o600)
+    text = MISSION.replace("http://office", url) + f'token_file = "{tmp_path / "token"}"\n' * token
+    (tmp_path / "c.toml").write_text(NODE + text)
+    expected = [f"mission.url: whoever is on the way to {host} reads the token of token_file; use https://"] * bool(
+        host
+    )
+    code, out, err = run_check(capsys, "--config", str(tmp_path / "c.toml"))
+    assert (code, err) == (0, "".join(f"autopilot: warning: {one}\n" for one in expected))
+    assert out.startswith("the configuration is good\n")
+    code, out, _ = run_check(capsys, "--config", str(tmp_path / "c.toml"), "--json")
+    assert (code, json.loads(out)["good"], json.loads(out)["warnings"]) == (0, True, expected)
+
+
 def test_check_of_a_bad_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Code 78, the problems as words, and as JSON where asked for."""
     file = tmp_path / "c.toml"
@@ -275,6 +309,7 @@ def test_check_of_a_bad_file(capsys: pytest.CaptureFixture[str], tmp_path: Path)
     assert err == f'{file}:6: scan.loook_s: is not a key of the configuration; did you mean "look_s"?\n'
     code, out, _ = run_check(capsys, "--config", str(file), "--json")
     (problem,) = json.loads(out)["problems"]
+    assert json.loads(out)["warnings"] == []
     assert (code, problem["line"], problem["key"]) == (78, 6, "scan.loook_s")
     code, _, err = run_check(capsys, "--config", str(EXAMPLES / "drone.toml"))
     assert code == 78

@@ -242,3 +242,31 @@ def test_model_digest(tmp_path: pytest.TempPathFactory) -> None:
     with open(path, "wb") as file:
         file.write(b"abc")
     assert model_sha256(path).hex() == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+def test_what_the_self_test_asks() -> None:
+    """The newest frame counts, also an empty one that is not recorded; before the first nothing is known."""
+    watch = Watch()
+    for frames, told in (([], (None, None)), ([batch(latency_us=7), batch(frame_seq=1)], (2_000, 7))):
+        expected = ["running m", "frame 0"] if frames else []
+        seldom = {**FILE, "empty_frame_period_s": "60"}
+        eyes, _ = check_eyes(
+            Script(stream(*frames, END)), [*expected, "ended end of file"], settings=seldom, watch=watch
+        )
+        watch.at_ns += 2_000_999_999
+        assert eyes.facts() == told
+
+
+def test_a_frame_that_is_not_recorded_is_one() -> None:
+    """The age counts from it."""
+    watch = Watch()
+
+    class Later(Script):
+        async def why(self) -> Lost:
+            watch.at_ns += 5_000_000_000
+            return Lost("gone")
+
+    streams = stream(batch(("person", 5_000, 0, 0, 9, 9))), stream(batch(frame_seq=1), batch(frame_seq=2), END)
+    expected = ["running m", "frame 0", "lost gone", "running m", "frame 1", "ended end of file"]
+    eyes, _ = check_eyes(Later(*streams), expected, settings={**FILE, "empty_frame_period_s": "60"}, watch=watch)
+    assert eyes.facts().frame_ms_ago == 0

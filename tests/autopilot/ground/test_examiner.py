@@ -33,7 +33,10 @@ def test_what_is_genuine_says_nothing(root: Path, flown: tuple[Path, list[Kept]]
 
 
 def test_each_flight_is_held_against_the_next(root: Path) -> None:
-    """Cut, gone on with, or written anew, with everything signed anew by a key that was copied in time."""
+    """Cut, gone on with, or written anew, with everything signed anew by a key that was copied in time.
+
+    Where the one before is signed up to its end, the next one, whose word stands against a signature, is named too.
+    """
     kept = logs_in(root)[1]
     count = len(kept.rows)
     for name, value, last, because in (
@@ -49,10 +52,26 @@ def test_each_flight_is_held_against_the_next(root: Path) -> None:
         log.chain()
         log.checkpoints = {}
         sealed_with(log, live_key(root), len(log.rows))
-        check_found(root, None, (2, 0, last, because))
+        check_found(root, None, (2, 0, last, because), (3, 0, 0, "or it is wrong about flight 2"))
         bodied(log, 0, genuine)
         log.chain()
         log.write(head=True)
+
+
+def test_a_flight_that_is_not_signed_up_to_its_end_is_the_one_to_doubt(root: Path) -> None:
+    """The word of the next one stands against nothing."""
+    log = logs_in(root)[1]
+    log.checkpoints = {size: note for size, note in log.checkpoints.items() if size < len(log.rows)}
+    log.write(head=True)
+    after = logs_in(root)[2]
+    manifest = FlightOpened.FromString(after.rows[0].body)
+    manifest.previous_leaf = bytes(32)
+    bodied(after, 0, encode(manifest))
+    after.chain()
+    after.checkpoints = {}
+    sealed_with(after, live_key(root), len(after.rows))
+    wrong = [one for one in judge(root, ANCHOR) if one.wrong]
+    assert [(one.flight, one.first, one.last) for one in wrong] == [(2, 0, len(log.rows) - 1)], wrong
 
 
 def test_flights_that_are_gone(root: Path) -> None:

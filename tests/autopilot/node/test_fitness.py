@@ -14,8 +14,9 @@ from google.protobuf.message import Message
 from autopilot.node import selftest as performer
 from autopilot.node.fitness import DEGRADED, FAIL, HOUR_MS, ITEMS, MIB, PASS, SKIPPED, Found, judged
 from autopilot.node.selftest import PROBE, Noted, written
-from autopilot.ports.edges import InputClass, VehicleFacts
-from events.schema.mission_pb2 import RunSelftest
+from autopilot.ports.config import Config
+from autopilot.ports.edges import EyesFacts, InputClass, Offer, VehicleFacts
+from events.schema.mission_pb2 import RunSelftest, SelftestReported
 from statecharts import State
 from tests import flying
 from tests.checks import check_equal
@@ -36,6 +37,7 @@ VEHICLE = VehicleFacts(
 WELL = Found(
     log_failure="",
     free_bytes=1000 * MIB,
+    space_failure="",
     needed_bytes=1000 * MIB,
     clock_trusted=True,
     token_left_ms=HOUR_MS,
@@ -74,6 +76,7 @@ def vehicle(**changes: Any) -> VehicleFacts:
         ("log", {"log_failure": "Read-only file system"}, FAIL, "Read-only"),
         ("space", {"free_bytes": 1000 * MIB - 1}, DEGRADED, "less than the 1000 MiB"),
         ("space", {"free_bytes": 250 * MIB - 1}, FAIL, "249 MiB free"),
+        ("space", {"free_bytes": None, "space_failure": "Input/output error"}, FAIL, "free: Input/output error"),
         ("clock", {"clock_trusted": False}, DEGRADED, "challenge"),
         ("keys", {"token_left_ms": HOUR_MS - 1}, DEGRADED, "59 min"),
         ("keys", {"token_left_ms": 0}, FAIL, "expired"),
@@ -133,9 +136,9 @@ def test_it_looks_when_what_led_to_it_is_noted(monkeypatch: pytest.MonkeyPatch) 
         return True
 
     async def run() -> None:
-        selftest = performer.Selftest(unused, unused, unused, offer, None, unused)
+        selftest = performer.Selftest(unused, unused, unused, offer, None, lambda: EyesFacts(None, None))
 
-        def look(_: object) -> Found:
+        def look(*_: object) -> Found:
             looked_at.append(selftest.noted.head)
             return WELL
 
@@ -151,6 +154,77 @@ def test_it_looks_when_what_led_to_it_is_noted(monkeypatch: pytest.MonkeyPatch) 
 
     asyncio.run(run())
     assert (looked_at, [one.effect_seq for one in offered]) == ([6], [5])
+
+
+def fitted(folder: Path, offer: Offer, eyes: EyesFacts) -> performer.Selftest:
+    """Return a performer with a book and a clock that know nothing worth asking for, and a camera."""
+    eyes_section = {"source": "external", "endpoint": "127.0.0.1:1", "empty_frame_period_s": 60}
+    node = {"flights": str(folder), "keys": "k", "projections": "p"}
+    config = Config.model_validate({"node": node, "eyes": eyes_section})
+    held = SimpleNamespace(token=SimpleNamespace(not_after_ms=HOUR_MS), epochs={})
+    time = SimpleNamespace(trusted=True, now_ms=0)
+    book: Any = SimpleNamespace(time=lambda: time, held=held, overdue_ms=lambda: 0)
+    clock: Any = SimpleNamespace(mono_ns=lambda: 0)
+    return performer.Selftest(config, clock, book, offer, lambda: VEHICLE, lambda: eyes)
+
+
+def reported(selftest: performer.Selftest, offered: list[SelftestReported]) -> dict[str, tuple[int, str]]:
+    """Return verdict and words of each item of the one report that comes of a test."""
+
+    async def run() -> None:
+        selftest.noted.head = 5
+        selftest.perform(5, RunSelftest(vehicle=1), 0)
+        await asyncio.wait_for(asyncio.gather(*selftest._tasks), 10)
+
+    asyncio.run(run())
+    (report,) = offered
+    check_equal((report.effect_seq, report.vehicle), (5, 1))
+    return {item.name: (item.verdict, item.words) for item in report.items}
+
+
+def taken(offered: list[Any]) -> Offer:
+    """Return an inbox that takes everything."""
+
+    def offer(input_class: InputClass, observation: Message) -> bool:
+        check_equal(input_class, InputClass.OUTCOME)
+        offered.append(observation)
+        return True
+
+    return offer
+
+
+def test_frames_are_counted_by_the_eyes(tmp_path: Path) -> None:
+    """However seldom empty ones are recorded: the age is that of the newest frame."""
+    for frame_ms_ago, verdict in ((3_000, PASS), (3_001, FAIL), (None, FAIL)):
+        offered: list[Any] = []
+        found = reported(fitted(tmp_path, taken(offered), EyesFacts(frame_ms_ago, 90_000)), offered)
+        check_equal((found["camera"][0], found["detector"]), (verdict, (PASS, "90 ms a frame")))
+
+
+def test_a_disk_that_fails_is_an_item_like_others(tmp_path: Path) -> None:
+    """A folder that is gone can't be written to, and nobody knows what is free there; the rest is judged."""
+    offered: list[Any] = []
+    found = reported(fitted(tmp_path / "gone", taken(offered), EyesFacts(0, 0)), offered)
+    gone = "No such file or directory"
+    check_equal(found["log"], (FAIL, f"nothing can be written beside the log: {gone}"))
+    check_equal(found["space"], (FAIL, f"it can't be told how much is free: {gone}"))
+    check_equal((list(found), found["keys"][0], found["camera"][0]), (list(ITEMS), PASS, PASS))
+
+
+@pytest.mark.parametrize("part", ["_vehicle", "_eyes", "_book", "_clock"])
+@pytest.mark.parametrize("error", [OSError("Input/output error"), KeyError("x"), RuntimeError("Input/output error")])
+def test_whatever_a_look_raises_there_is_a_report(tmp_path: Path, part: str, error: Exception) -> None:
+    """Every item fails and says why: the mission waits for the report, and nobody flies on it."""
+    offered: list[Any] = []
+    selftest = fitted(tmp_path, taken(offered), EyesFacts(0, 0))
+    selftest.noted.heard_ns["operator_heard"] = 0
+
+    def broken(*_: object) -> Any:
+        raise error
+
+    setattr(selftest, part, broken if part in ("_vehicle", "_eyes") else SimpleNamespace(time=broken, mono_ns=broken))
+    words = f"this could not be looked at: {type(error).__name__}: {error}"
+    check_equal(reported(selftest, offered), dict.fromkeys(ITEMS, (FAIL, words)))
 
 
 def test_the_probe_writes_and_leaves_nothing(tmp_path: Path) -> None:

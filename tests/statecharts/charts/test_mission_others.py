@@ -140,8 +140,8 @@ def test_a_failsafe_comes_first() -> None:
         "mission",
         """
         at_s | observe        | state    | say | why
-        8    | mode return    | -           | -         | -
-        9    | order q pause  | 1 paused    | go loiter | an operator pauses it
+        7    | time           | -           | -         | -
+        7    | order q pause  | 1 paused    | go loiter | an operator pauses it
         """,
         tale,
     )
