@@ -49,6 +49,7 @@ from statecharts.table import Answer, moved
 
 MAV_ACCEPTED, MAV_IN_PROGRESS = 0, 5
 _OF_THE_OFFICE = ("checking", "syncing")  # states that ask the mission office, not the vehicle
+_STOPPING = ("pause", "time_passed", "refused", "upload_failed")  # into a pause; else somebody has the vehicle
 
 
 def decide(state: State, record: Record) -> tuple[Message, ...]:
@@ -62,7 +63,7 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
     if row.target == row.source == "flying":
         return (moved(CHART, str(VEHICLE), row), _post(state))
     may = row.target in _OF_THE_OFFICE or _may_command(state)
-    effects = _effects(state, row.target, row.because) if may else ()
+    effects = _effects(state, trigger, row.target, row.because) if may else ()
     change = moved(CHART, str(VEHICLE), row)
     if trigger in ("refused", "upload_failed"):
         change.because += f": {mission(state).refusal}"
@@ -165,7 +166,7 @@ def _facts(state: State, record: Record) -> Facts:
     )
 
 
-def _effects(state: State, target: str, because: str) -> tuple[Message, ...]:
+def _effects(state: State, trigger: str, target: str, because: str) -> tuple[Message, ...]:
     """Return what is to be done on entering a state; the last of them is what the state waits for."""
     limits, now = state.flight.limits, mission(state)
     life_ms = limits.own_command_life_ms
@@ -190,7 +191,7 @@ def _effects(state: State, target: str, because: str) -> tuple[Message, ...]:
             return _look_down(state)
         case "following":
             return (_mode(FLIGHT_MODE_LOITER, because, life_ms),)
-        case "paused" if must_be_stopped(state):
+        case "paused" if trigger in _STOPPING and must_be_stopped(state):
             return (_mode(FLIGHT_MODE_LOITER, because, life_ms),)
         case "aborting":
             return (_mode(FLIGHT_MODE_RETURN, because, life_ms),)

@@ -15,7 +15,13 @@ from events.schema.mission_pb2 import (
     PostWaypoint,
     WaypointPosted,
 )
-from events.schema.safety_pb2 import FLIGHT_MODE_LAND, FLIGHT_MODE_MISSION, FLIGHT_MODE_RETURN, SetVehicleMode
+from events.schema.safety_pb2 import (
+    FLIGHT_MODE_LAND,
+    FLIGHT_MODE_LOITER,
+    FLIGHT_MODE_MISSION,
+    FLIGHT_MODE_RETURN,
+    SetVehicleMode,
+)
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, VehicleLinkChanged, VehicleStateReported
 from statecharts.charts.mission import CHART, MAY_BEGIN
 from statecharts.facts import Mission, Vehicle
@@ -33,6 +39,7 @@ HOMEWARD = (20, 21)  # MAV_CMD_NAV_RETURN_TO_LAUNCH, MAV_CMD_NAV_LAND
 ASKING = ("uploading", "readying", "arming", "engaging", "starting", "aborting")  # what waits for the vehicle
 COMPLYING = (FLIGHT_MODE_RETURN, FLIGHT_MODE_LAND)  # what an aborted mission waits for
 OWN_MODES = (FLIGHT_MODE_MISSION, FLIGHT_MODE_RETURN)  # in which only a command of this node stops the vehicle
+_HAVING = ("engaging", "starting", "returning", "paused")  # in which it has the vehicle before that was seen to fly
 
 
 def mission(state: State) -> Mission:
@@ -50,9 +57,9 @@ def is_lingering(state: State) -> bool:
 
 
 def must_be_stopped(state: State) -> bool:
-    """Whether the vehicle is where only a command of this node stops it; what somebody took is left alone."""
-    vehicle = state.vehicles.get(VEHICLE) or Vehicle()
-    return vehicle.armed and vehicle.flight_mode in OWN_MODES
+    """Whether the vehicle is where only a command of this node stops it, and by its doing: a pilot's is left alone."""
+    vehicle, now = state.vehicles.get(VEHICLE) or Vehicle(), mission(state)
+    return vehicle.armed and vehicle.flight_mode in OWN_MODES and (now.flown or now.state in _HAVING)
 
 
 def _put(state: State, /, **changes: Any) -> None:
@@ -85,8 +92,11 @@ def _uploaded(state: State, record: Record) -> None:
 def _ask_mode(state: State, record: Record) -> None:
     effect = record.message
     assert isinstance(effect, SetVehicleMode)
-    if not effect.order:  # what an operator orders beside the mission is not the mission's
-        _put(state, effect_seq=record.seq)
+    if effect.order:
+        return  # what an operator orders beside the mission is not the mission's
+    _put(state, effect_seq=record.seq)
+    if effect.mode == FLIGHT_MODE_LOITER and mission(state).state == "paused":
+        _wait_a_step(state, record)  # it may not have heard it
 
 
 def _post(state: State, record: Record) -> None:
@@ -182,15 +192,10 @@ def _wait(state: State, record: Record, change: Moved) -> None:
         limits = state.flight.limits
         life_ms = limits.upload_ms if change.to_state == "uploading" else limits.push_ms
         state.deadlines.put(_KEY, record.at.flight_ns + (life_ms + OUTCOME_GRACE_MS) * NS_PER_MS)
-    elif change.to_state in (*ASKING, "landed") or (change.to_state == "paused" and _is_told_to_hold(state)):
+    elif change.to_state in (*ASKING, "landed"):
         _wait_a_step(state, record)
     else:
         state.deadlines.drop(_KEY)
-
-
-def _is_told_to_hold(state: State) -> bool:
-    """Whether a vehicle that is paused now was told to hold, and may not have heard it."""
-    return (state.vehicles.get(VEHICLE) or Vehicle()).link and must_be_stopped(state)
 
 
 def _wait_a_step(state: State, record: Record) -> None:

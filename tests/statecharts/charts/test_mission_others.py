@@ -78,6 +78,39 @@ def test_pausing_and_resuming_need_a_vehicle_that_is_heard() -> None:
     check_equal(tale.flight.state.missions[1].state, "flying")
 
 
+def test_a_mission_that_a_pilot_flies_is_not_stopped_by_a_pause_that_is_not_about_it() -> None:
+    """He flies what is in the vehicle, while the node is busy with a mission that never flew."""
+    check_chart(
+        "mission",
+        """
+        at_s | observe      | state    | say | why
+        5    | mode mission | -        | -   | -
+        6    | uploaded     | 1 paused | -   | armed already: somebody has it
+        30   | at 1         | -        | -   | -
+        """,
+        story(GROUND),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe       | state    | say | why
+        5    | mode mission  | -        | -   | -
+        6    | order p pause | 1 paused | -   | an operator pauses it
+        30   | at 1          | -        | -   | -
+        """,
+        story(GROUND),
+    )
+    check_chart(
+        "mission",
+        """
+        at_s | observe           | state    | say | why
+        0    | mode mission       | -        | -   | -
+        1    | no-mission final=1 | 1 paused | -  | no mission can be had
+        """,
+        story(),
+    )
+
+
 def test_a_mission_is_not_begun_with_a_vehicle_that_somebody_else_has() -> None:
     """Armed before it began: the order is refused, what begins by itself waits, and an upload ends paused."""
     tale = story(GROUND.replace("2    | order a begin | 1 uploading | upload 4 | a person lets it begin", "").rstrip())
