@@ -88,6 +88,7 @@ class NodeLoop(threading.Thread):
         self._watching: Watching
         self._asked_to_stop: Stop | None = None
         self._pending: list[Record] = []
+        self._unwatched: list[tuple[Record, ...]] = []  # steps that the monitors have not seen
         self._commit_by_ns = 0
         self._disarmed_at_ns: int | None = None
         self._told_of_full_disk = False
@@ -149,8 +150,8 @@ class NodeLoop(threading.Thread):
             self._tell_dropped(session)
         for observation in batch:
             self._add(session, observation)
-        if self._pending and (self._must_commit() or self._clock.mono_ns() >= self._commit_by_ns):
-            self._commit(session)
+        while self._pending and (self._must_commit() or self._clock.mono_ns() >= self._commit_by_ns):
+            self._commit(session)  # which may leave what the monitors found, to be recorded as well
 
     def _tell_dropped(self, session: Session) -> None:
         for input_class, count in self._inbox.take_dropped().items():
@@ -162,8 +163,7 @@ class NodeLoop(threading.Thread):
             self._commit_by_ns = self._clock.mono_ns() + self._limits.commit_within_ms * 1_000_000
         records = session.observe(observation)
         self._pending.extend(records)
-        for broken in self._watching.see(records):
-            self._add(session, broken)
+        self._unwatched.append(records)
 
     def _must_commit(self) -> bool:
         return any(record.kind.sync or _is_awaited(record) for record in self._pending)
@@ -181,9 +181,17 @@ class NodeLoop(threading.Thread):
         for record in durable:
             self._note(session, record)
         self._on_records(durable)
+        self._watch(session)
         if session.sealing is not None:
             session.sealing.cosigned.hear(durable)
         self._watch_arming(session)
+
+    def _watch(self, session: Session) -> None:
+        """Show the monitors what is durable and handed over; what they find is recorded behind it."""
+        steps, self._unwatched = self._unwatched, []
+        for step in steps:
+            for broken in self._watching.see(step):
+                self._add(session, broken)
 
     def _hand_over(self, record: Record) -> None:
         if _is_awaited(record):
@@ -265,7 +273,7 @@ class NodeLoop(threading.Thread):
         self._flights.close(session, reason, self._on_records)
 
     def _commit_rest(self, session: Session) -> None:
-        if self._pending:
+        while self._pending:  # a commit may show what is to be recorded still
             self._commit(session)
 
 
