@@ -1,8 +1,8 @@
 """A `Session` in the world: a transport, a timer, signatures, files, and observations kept until the node takes them.
 
-All protocol is in `session`; this reads the only clock of the adapter, decodes nothing and decides nothing. It hears and
-keeps time on one asyncio loop; an effect is performed on the thread that brings it, for a change of threads costs an
-order more than the encoding. One lock holds the session together. Every frame that comes passes `_admit` before
+All protocol is in `session`; this reads the only clock of the adapter, decodes nothing and decides nothing. It hears
+and keeps time on one asyncio loop; an effect is performed on the thread that brings it, for a change of threads costs
+an order more than the encoding. One lock holds the session together. Every frame that comes passes `_admit` before
 anything of it is read: the signature is judged there, and what is admitted, and what is sent, goes to the raw files.
 """
 
