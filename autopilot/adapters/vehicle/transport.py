@@ -64,7 +64,7 @@ class Datagrams(asyncio.DatagramProtocol):
     """UDP; made by `open_transport`. What the socket does not take at once is not sent: it would come late."""
 
     def __init__(self, hear: Hear, peer: Address | None, out: socket.socket) -> None:
-        """`out` is the bound, non-blocking socket that asyncio hears on: sending needs no loop."""
+        """`out` is the socket that asyncio hears on, and has made non-blocking: sending needs no loop."""
         self._hear = hear
         self._transport: asyncio.DatagramTransport | None = None
         self._out = out
@@ -197,7 +197,6 @@ async def _open_datagrams(where: Where, hear: Hear, *, speaks_first: bool) -> Da
     own, peer = (anywhere, named) if speaks_first else (named, None)
     out = socket.socket(family, socket.SOCK_DGRAM)
     try:
-        out.setblocking(False)
         out.bind(own)
         _, protocol = await loop.create_datagram_endpoint(lambda: Datagrams(hear, peer, out), sock=out)
     except BaseException:
