@@ -14,6 +14,7 @@ from hashlib import sha256
 
 from events.kinds import Role
 from events.records import Record, make_record
+from events.schema.common_pb2 import Moved
 from events.schema.flight_pb2 import StepFailed
 from events.schema.orders_pb2 import OrderReceived
 from statecharts.charts import CHARTS, PARTS, PLAIN
@@ -47,8 +48,22 @@ def _hearers(parts: Sequence[Part]) -> dict[str, int]:
     return hearers
 
 
+def _concerned(chart: str) -> tuple[Part, ...]:
+    """Return the charts that a move of one concerns, itself among them."""
+    return tuple(part for part in PARTS if part.moves_of is None or chart in (*part.moves_of, part.chart.name))
+
+
 _EVOLVE = _evolvers([*PLAIN, *(part.evolve for part in PARTS)])
 _HEARERS = _hearers(PARTS)
+# The same for moves, by the chart that moves: most charts care for the moves of one or two others.
+_MOVES_EVOLVE = {
+    chart.name: _evolvers([*PLAIN, *(part.evolve for part in _concerned(chart.name))]).get("moved", ())
+    for chart in CHARTS
+}
+_MOVES_HEARERS = {
+    chart.name: sum(1 << PARTS.index(part) for part in _concerned(chart.name) if "moved" in part.alphabet)
+    for chart in CHARTS
+}
 _PLACES = tuple((1 << index, part) for index, part in enumerate(PARTS))
 _ALL = frozenset(part.chart.name for part in PARTS)
 _SAFETY = frozenset(part.chart.name for part in PARTS if part.safety)
@@ -62,8 +77,17 @@ def charts_digest() -> bytes:
 def evolve(state: State, record: Record) -> None:
     """Apply a record to the state, which the caller owns. Raises whatever a broken record leads to."""
     state.next_seq.set(record.seq + 1)
-    for change in _EVOLVE.get(record.kind.name, ()):
+    message = record.message
+    changes = _MOVES_EVOLVE.get(message.chart) if isinstance(message, Moved) else None
+    for change in _EVOLVE.get(record.kind.name, ()) if changes is None else changes:
         change(state, record)
+
+
+def _heard_by(record: Record) -> int:
+    """Return the charts that hear a record, as bits in their order."""
+    message = record.message
+    hearers = _MOVES_HEARERS.get(message.chart) if isinstance(message, Moved) else None
+    return _HEARERS.get(record.kind.name, 0) if hearers is None else hearers
 
 
 def step(state: State, observation: Record) -> Step:
@@ -74,46 +98,47 @@ def step(state: State, observation: Record) -> Step:
     """
     state.journal.clear()
     chart = "evolve"
-    records = [observation]
+    records, heard_by = [observation], [_heard_by(observation)]
     try:
         evolve(state, observation)
-        heard = _HEARERS.get(observation.kind.name, 0)
+        asked = heard_by[0]
         for place, part in _PLACES:
-            if heard & place and (part.safety or state.health.value == "normal"):
+            if asked & place and (part.safety or state.health.value == "normal"):
                 chart = part.chart.name
-                heard |= _ask(state, part, records)
+                asked |= _ask(state, place, part, records, heard_by)
     except Exception as error:  # noqa: BLE001 - whatever a chart raises must not stop the node
         state.journal.rollback()
         records = _failed(state, observation, chart, error)
     return Step(tuple(records), _due(state, observation))
 
 
-def _ask(state: State, part: Part, records: list[Record]) -> int:
-    """Ask one chart about everything said so far; return the charts that hear its answers."""
+def _ask(state: State, place: int, part: Part, records: list[Record], heard_by: list[int]) -> int:
+    """Ask one chart about everything said so far that it hears; return the charts that hear its answers."""
     observation, hearers = records[0], 0
-    for heard in tuple(records):
-        if heard.kind.name in part.alphabet:
-            for message in part.decide(state, heard):
+    for index in range(len(records)):
+        if heard_by[index] & place:
+            for message in part.decide(state, records[index]):
                 record = make_record(state.next_seq.value, observation.seq, observation.at, message)
                 evolve(state, record)
                 records.append(record)
-                hearers |= _HEARERS.get(record.kind.name, 0)
+                heard_by.append(_heard_by(record))
+                hearers |= heard_by[-1]
     return hearers
 
 
 def _failed(state: State, observation: Record, chart: str, error: Exception) -> list[Record]:
     failure = make_record(observation.seq + 1, observation.seq, observation.at, _failure(observation, chart, error))
     evolve(state, failure)
-    records = [failure]
+    records, heard_by = [failure], [_heard_by(failure)]
     for place, part in _PLACES:
-        if _HEARERS["step_failed"] & place:
-            _ask_about_failure(state, part, records)
+        if heard_by[0] & place:
+            _ask_about_failure(state, place, part, records, heard_by)
     return [observation, *records]
 
 
-def _ask_about_failure(state: State, part: Part, records: list[Record]) -> None:
+def _ask_about_failure(state: State, place: int, part: Part, records: list[Record], heard_by: list[int]) -> None:
     try:
-        _ask(state, part, records)
+        _ask(state, place, part, records, heard_by)
     except Exception:  # noqa: BLE001 - a chart that can't even hear of a failure has nothing to add to it
         return
 

@@ -25,3 +25,4 @@ class Part:
     decide: Decide
     evolve: Mapping[str, Evolve]  # kind to the change it makes; a chart changes its own tables only
     safety: bool = False  # runs on in safe mode
+    moves_of: frozenset[str] | None = None  # charts whose moves concern it, beside its own; None: all

@@ -121,9 +121,10 @@ class State:
     @property
     def flight(self) -> Manifest:
         """The manifest. Raises LookupError before the flight was opened: our fault."""
-        if self.manifest.value is None:
+        manifest = self.manifest.value
+        if manifest is None:
             raise LookupError("the flight has no manifest yet")
-        return self.manifest.value
+        return manifest
 
     @property
     def commands_flight(self) -> bool:

@@ -8,6 +8,7 @@ and so does the process, for a write that failed once can't be believed the seco
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 import traceback
@@ -88,6 +89,7 @@ class NodeLoop(threading.Thread):
         self._watching: Watching
         self._asked_to_stop: Stop | None = None
         self._pending: list[Record] = []
+        self._unwatched: list[tuple[Record, ...]] = []  # steps that the monitors have not seen
         self._commit_by_ns = 0
         self._disarmed_at_ns: int | None = None
         self._told_of_full_disk = False
@@ -130,7 +132,11 @@ class NodeLoop(threading.Thread):
         batch = self._inbox.take(self._wait_s(session), BATCH_MOST)
         self.turned_ns = self._clock.mono_ns()
         quiet, recorded = not batch and not self._pending, session.state.next_seq.value
-        self._observe(session, batch)
+        gc.disable()  # looking for garbage takes up to a millisecond of an order; it is made up for behind its effects
+        try:
+            self._observe(session, batch)
+        finally:
+            gc.enable()
         if not self._pending:
             session.store.idle()
             if session.sealing is not None:
@@ -149,8 +155,8 @@ class NodeLoop(threading.Thread):
             self._tell_dropped(session)
         for observation in batch:
             self._add(session, observation)
-        if self._pending and (self._must_commit() or self._clock.mono_ns() >= self._commit_by_ns):
-            self._commit(session)
+        while self._pending and (self._must_commit() or self._clock.mono_ns() >= self._commit_by_ns):
+            self._commit(session)  # which may leave what the monitors found, to be recorded as well
 
     def _tell_dropped(self, session: Session) -> None:
         for input_class, count in self._inbox.take_dropped().items():
@@ -162,8 +168,7 @@ class NodeLoop(threading.Thread):
             self._commit_by_ns = self._clock.mono_ns() + self._limits.commit_within_ms * 1_000_000
         records = session.observe(observation)
         self._pending.extend(records)
-        for broken in self._watching.see(records):
-            self._add(session, broken)
+        self._unwatched.append(records)
 
     def _must_commit(self) -> bool:
         return any(record.kind.sync or _is_awaited(record) for record in self._pending)
@@ -177,13 +182,22 @@ class NodeLoop(threading.Thread):
         durable, self._pending = tuple(self._pending), []
         for record in durable:
             self._hand_over(record)
+        gc.enable()
         time.sleep(0)  # lets go of the interpreter: whoever performs goes before what is only noted and folded
         for record in durable:
             self._note(session, record)
         self._on_records(durable)
+        self._watch(session)
         if session.sealing is not None:
             session.sealing.cosigned.hear(durable)
         self._watch_arming(session)
+
+    def _watch(self, session: Session) -> None:
+        """Show the monitors what is durable and handed over; what they find is recorded behind it."""
+        steps, self._unwatched = self._unwatched, []
+        for step in steps:
+            for broken in self._watching.see(step):
+                self._add(session, broken)
 
     def _hand_over(self, record: Record) -> None:
         if _is_awaited(record):
@@ -265,7 +279,7 @@ class NodeLoop(threading.Thread):
         self._flights.close(session, reason, self._on_records)
 
     def _commit_rest(self, session: Session) -> None:
-        if self._pending:
+        while self._pending:  # a commit may show what is to be recorded still
             self._commit(session)
 
 

@@ -1,7 +1,9 @@
-"""The monitors in flight: what this node decides is watched while it decides it (`statecharts.monitors`).
+"""The monitors in flight: what this node decides is watched as soon as it is done (`statecharts.monitors`).
 
-A property that is broken is told once in a flight and start, as an observation in the log, and on standard error; the
-node flies on, for nobody is helped by one that stops. Nothing here can stop it either.
+They look at a step when it is durable and its effects have left, for an order should not wait for those who only watch.
+A node that is killed in between says nothing of it; who runs its log again finds the same. A property that is broken is
+told once in a flight and start, as an observation in the log, and on standard error; the node flies on, for nobody is
+helped by one that stops. Nothing here can stop it either.
 """
 
 from __future__ import annotations

@@ -32,7 +32,9 @@ class Offer(Protocol):
 
 
 class Performer(Protocol):
-    """Performs effects of one port. Called on the asyncio loop; must not block and must not raise.
+    """Performs effects of one port; must not block and must not raise.
+
+    Called on the asyncio loop; that of the vehicle on the node's thread, so that what leaves, leaves at once.
 
     What came of it is offered as an observation that names `seq`.
     """

@@ -256,4 +256,5 @@ PART = Part(
         "moved": _apply_move,
     },
     safety=True,
+    moves_of=frozenset(),
 )

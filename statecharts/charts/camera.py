@@ -203,4 +203,5 @@ PART = Part(
     decide=decide,
     evolve={"moved": _apply_move, "camera_taken": _apply_taken},
     safety=True,
+    moves_of=frozenset({"command"}),
 )

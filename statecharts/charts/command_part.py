@@ -286,4 +286,5 @@ PART = Part(
     decide=decide,
     evolve=EVOLVE,
     safety=True,
+    moves_of=frozenset(),
 )

@@ -170,4 +170,5 @@ PART = Part(
     alphabet=frozenset({"take_gimbal", "gimbal_control_changed", "moved"}),
     decide=decide,
     evolve={"gimbal_control_changed": _changed, "moved": _apply_move},
+    moves_of=frozenset({"camera"}),
 )

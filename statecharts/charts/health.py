@@ -80,4 +80,5 @@ PART = Part(
     decide=decide,
     evolve={"step_failed": _count_failure, "moved": _apply_move},
     safety=True,
+    moves_of=frozenset(),
 )

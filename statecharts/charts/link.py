@@ -206,4 +206,5 @@ PART = Part(
         "moved": _apply_move,
     },
     safety=True,
+    moves_of=frozenset(),
 )

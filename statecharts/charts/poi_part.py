@@ -309,4 +309,5 @@ PART = Part(
         "item_ignored": _ignore,
         "moved": _apply_move,
     },
+    moves_of=frozenset({"command"}),
 )

@@ -165,4 +165,5 @@ PART = Part(
     alphabet=frozenset({"frame_observed", "time_passed", "moved"}),
     decide=decide,
     evolve={"frame_observed": _frame, "point_at_place": _look, "moved": _apply_move},
+    moves_of=frozenset({"command", "camera"}),
 )

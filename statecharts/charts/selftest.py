@@ -176,4 +176,5 @@ PART = Part(
     alphabet=frozenset({"mission_planned", "selftest_reported", "moved", "time_passed", "node_started"}),
     decide=decide,
     evolve={"run_selftest": _run, "moved": _apply_move},
+    moves_of=frozenset({"command"}),
 )

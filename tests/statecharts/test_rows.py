@@ -8,12 +8,16 @@ from typing import Any
 
 import pytest
 
+from events import Moment, Record, make_record
 from events.kinds import KINDS, Role
+from events.schema.common_pb2 import Moved
+from statecharts import State
 from statecharts.charts import CHARTS, PARTS, poi, transfer
-from statecharts.engine import _EVOLVE
+from statecharts.engine import _EVOLVE, _heard_by
 from statecharts.part import Part
-from statecharts.table import Answer, Chart, Row
-from tests.checks import check_equal, check_exactly_one_row, name_of
+from statecharts.table import Answer, Chart, Row, moved
+from tests.checks import check_equal, check_exactly_one_row, dump, name_of
+from tests.stories import Story
 
 COMPLEMENTS = (
     frozenset({("confirmed", True), ("declined", True)}),
@@ -116,6 +120,50 @@ def test_every_observation_and_decision_has_a_reader() -> None:
     for_people |= {"checkpoint_cosigned", "trust_alarm", "camera_zoomed"}
     for_people |= {"vehicle_identified", "vehicle_time_compared", "raw_changed", "raw_segment_closed"}
     check_equal(silent, for_people)
+
+
+@pytest.mark.parametrize(
+    "part", [part for part in PARTS if part.moves_of is not None], ids=lambda part: part.chart.name
+)
+def test_a_move_concerns_nobody_else(part: Part) -> None:
+    """Whose moves a chart says do not concern it, of those it would decide nothing and keep nothing."""
+    assert part.moves_of is not None
+    check_equal(sorted(part.moves_of - {chart.name for chart in CHARTS}), [])
+    told = Story(scan_enabled=True)
+    for words in ("frame person@0,0", "order a point", "order b follow p1", "answered a 0"):
+        told.tell(words)
+    state, at = told.flight.state, told.flight.moment()
+    before = dump(state)
+    for chart in (chart for chart in CHARTS if chart.name not in (*part.moves_of, part.chart.name)):
+        for row, instance in product(chart.rows, _instances(state)):
+            record = make_record(state.next_seq.value, 0, at, moved(chart, instance, row))
+            if "moved" in part.alphabet:
+                check_equal(part.decide(state, record), ())
+            if "moved" in part.evolve:
+                part.evolve["moved"](state, record)
+    check_equal(dump(state), before)
+
+
+def _instances(state: State) -> list[str]:
+    """Return names that moves are about in this state, and one that nothing has."""
+    return [*state.orders.whole(), *state.cameras.whole(), *state.pois.whole(), "nobody"]
+
+
+def test_a_move_is_heard_by_those_that_it_concerns() -> None:
+    """By the charts that name the one that moved, and those that name none; one that nobody knows, by all."""
+    check_equal(names_of(_heard_by(move_of("camera"))), ["safety", "camera", "scan", "mission", "control"])
+    check_equal(names_of(_heard_by(move_of("aim"))), ["safety", "mission"])
+    check_equal(names_of(_heard_by(move_of("gone"))), [part.chart.name for part in PARTS if "moved" in part.alphabet])
+
+
+def move_of(chart: str) -> Record:
+    """Return a record of a move of a chart."""
+    return make_record(1, 0, Moment(0, 0, 1, 0, 0), Moved(chart=chart, instance="x"))
+
+
+def names_of(hearers: int) -> list[str]:
+    """Return the charts that bits stand for."""
+    return [part.chart.name for place, part in enumerate(PARTS) if hearers & 1 << place]
 
 
 SAFETY_NAMES = ["health", "link", "safety", "command", "override", "camera", "aim"]

@@ -1,15 +1,18 @@
 """A `Session` in the world: a transport, a timer, signatures, files, and observations kept until the node takes them.
 
-All protocol is in `session`; this reads the only clock of the adapter, decodes nothing and decides nothing. It lives on
-one asyncio loop. Every frame that comes passes `_admit` before anything of it is read: the signature is judged there,
-and what is admitted, and what is sent, goes to the raw files.
+All protocol is in `session`; this reads the only clock of the adapter, decodes nothing and decides nothing. It hears
+and keeps time on one asyncio loop; an effect is performed on the thread that brings it, for a change of threads costs
+an order more than the encoding. One lock holds the session together. Every frame that comes passes `_admit` before
+anything of it is read: the signature is judged there, and what is admitted, and what is sent, goes to the raw files.
 """
 
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from google.protobuf.message import Message
@@ -36,7 +39,8 @@ class VehicleLink:
     before the origin is set. `on_first_fix` is called once, on the loop, with the first 3D fix, so that
     the node can set the origin; `on_time` with each time that the vehicle tells, ms since 1970. While
     `healthy` is False no heartbeat leaves. Observations about effects, state and link are OUTCOME and
-    offered until taken; position and gimbal are TELEMETRY. Everything runs on the loop that `start` ran on.
+    offered until taken; position and gimbal are TELEMETRY. `perform` may be called from any thread, and what is asked
+    of it too; everything else runs on the loop that `start` ran on.
     """
 
     def __init__(
@@ -67,6 +71,8 @@ class VehicleLink:
             admit=self._admit,
         )
         self._session = self._make(None)
+        self._lock = threading.Lock()  # over the session and all that is worked off of it; nobody waits under it
+        self._asyncio_loop: asyncio.AbstractEventLoop | None = None
         self._kept: deque[Message] = deque()  # outcomes that the inbox refused, oldest first
         self._counts: Counter[str] = Counter()
         self._raw = RawLog(settings, offer, clock, self._counts) if settings.raw else None
@@ -78,16 +84,19 @@ class VehicleLink:
     @property
     def rejected(self) -> Mapping[str, int]:
         """How often something that arrived was not taken, or something was not done, by reason."""
-        return self._session.rejected + self._counts
+        with self._lock:
+            return self._session.rejected + self._counts
 
     @property
     def limits(self) -> GimbalLimits | None:
         """How far the gimbal turns, once it told."""
-        return self._session.limits
+        with self._lock:
+            return self._session.limits
 
     def facts(self) -> VehicleFacts:
-        """Return what is known of the vehicle now, for the self-test. On the loop."""
-        return self._session.reports.facts(self._clock.mono_ns())
+        """Return what is known of the vehicle now, for the self-test."""
+        with self._lock:
+            return self._session.reports.facts(self._clock.mono_ns())
 
     @property
     def address(self) -> Address | None:
@@ -111,8 +120,10 @@ class VehicleLink:
         """
         if self._settings.signing == "required":
             self._signing = await asyncio.to_thread(self._ready_to_sign)
-        self._transport = await open_transport(self._settings, self.hear, self._counts)
-        self._session = self._make(self._transport.peer)
+        transport = await open_transport(self._settings, self.hear, self._counts)
+        with self._lock:
+            self._asyncio_loop = asyncio.get_running_loop()
+            self._transport, self._session = transport, self._make(transport.peer)
         if self._raw is not None:
             self._raw.start()
         self._turn()
@@ -122,27 +133,38 @@ class VehicleLink:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
-        if self._transport is not None:
-            self._transport.close()
-            self._transport = None
+        with self._lock:
+            transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.close()
         if self._keeping is not None:
             await self._keeping
         if self._raw is not None:
             await asyncio.to_thread(self._raw.stop)
 
     def perform(self, seq: int, effect: Message, recorded_mono_ns: int) -> None:
-        """Perform the effect of record `seq`; its life counts from `recorded_mono_ns`."""
+        """Perform the effect of record `seq`; its life counts from `recorded_mono_ns`.
+
+        What may leave now has left when this returns; when the next thing is due, the loop works out.
+        """
         deadline_ns = recorded_mono_ns + int(getattr(effect, "life_ms", 0)) * 1_000_000
-        self._session.perform(self._clock.mono_ns(), seq, effect, deadline_ns)
-        self._turn()
+        with self._lock:
+            self._session.perform(self._clock.mono_ns(), seq, effect, deadline_ns)
+            self._work_off()
+            asyncio_loop = self._asyncio_loop
+        if asyncio_loop is not None:
+            with suppress(RuntimeError):  # a loop that is closed has nothing left to do
+                asyncio_loop.call_soon_threadsafe(self._turn)
 
     def pose_at(self, mono_ns: int) -> Pose | None:
         """Return the camera's pose at a moment, or None where it is not known."""
-        return self._session.telemetry.poses.pose_at(mono_ns)
+        with self._lock:
+            return self._session.telemetry.poses.pose_at(mono_ns)
 
     def hear(self, peer: Address, data: bytes) -> None:
         """Take a datagram, or a frame of a stream."""
-        self._session.hear(self._clock.mono_ns(), peer, data)
+        with self._lock:
+            self._session.hear(self._clock.mono_ns(), peer, data)
         self._turn()
 
     def _admit(self, frame: bytes) -> str:
@@ -154,8 +176,15 @@ class VehicleLink:
 
     def _turn(self) -> None:
         """Work off what is due and what the session wants, then sleep until the next thing."""
-        now_ns = self._clock.mono_ns()
-        self._session.tick(now_ns)
+        with self._lock:
+            now_ns = self._clock.mono_ns()
+            self._session.tick(now_ns)
+            self._work_off()
+            self._keep_signing_time()
+            self._sleep(now_ns)
+
+    def _work_off(self) -> None:
+        """Send and offer what the session wants. Under the lock."""
         while outputs := self._session.take():
             for output in outputs:
                 if isinstance(output, Report):
@@ -163,8 +192,6 @@ class VehicleLink:
                 elif self._send(output) and output.effect_seq is not None:
                     self._session.sent(output.effect_seq)
         self._offer_kept()
-        self._keep_signing_time()
-        self._sleep(now_ns)
 
     def _send(self, output: Transmit) -> bool:
         """Return whether the bytes left."""

@@ -82,6 +82,10 @@ class Form(Enum):
     MESSAGE = "MISSION_SET_CURRENT"
 
 
+_EVERY_FORM = frozenset(Form)
+_NOT_LONG = _EVERY_FORM - {Form.LONG}
+
+
 class Rank(IntEnum):
     """What goes before what: a return or landing before everything, one that nobody ordered before that."""
 
@@ -102,7 +106,7 @@ class Order:
     target: Sender | None = None  # who is to take it; None: the autopilot
     gimbal: int = 0  # lane of what the vehicle carries, whose newest wins; 0: it is of the flight
     form: Form = Form.LONG
-    forms: frozenset[Form] = frozenset(Form)  # that it may be asked for in
+    forms: frozenset[Form] = _EVERY_FORM  # that it may be asked for in
     again: bool = True  # harmless when it is late
     rank: Rank = Rank.PLAIN
 
@@ -121,9 +125,7 @@ def order_of(
 ) -> Order:
     """Return the order for an effect of `COMMAND_OF`; raises KeyError for another."""
     placed = isinstance(effect, PLACES)
-    forms = frozenset(Form)
-    if placed and kind is not None and kind.family.is_ardupilot:
-        forms -= {Form.LONG}
+    forms = _NOT_LONG if placed and kind is not None and kind.family.is_ardupilot else _EVERY_FORM
     return Order(
         effect_seq=effect_seq,
         effect=effect,

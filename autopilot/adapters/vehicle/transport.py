@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import os
 import socket
+import threading
 from collections import Counter
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -27,7 +28,7 @@ FAILED = "connection failed"
 
 
 class Transport(Protocol):
-    """An open way to the vehicle. It lives on one asyncio loop."""
+    """An open way to the vehicle. It lives on one asyncio loop; `write` alone may be called from any thread."""
 
     @property
     def own(self) -> Address | None:
@@ -60,12 +61,13 @@ async def open_transport(settings: VehicleSection, hear: Hear, counts: Counter[s
 
 
 class Datagrams(asyncio.DatagramProtocol):
-    """UDP; made by `open_transport`."""
+    """UDP; made by `open_transport`. What the socket does not take at once is not sent: it would come late."""
 
-    def __init__(self, hear: Hear, peer: Address | None) -> None:
+    def __init__(self, hear: Hear, peer: Address | None, out: socket.socket) -> None:
+        """`out` is the socket that asyncio hears on, and has made non-blocking: sending needs no loop."""
         self._hear = hear
         self._transport: asyncio.DatagramTransport | None = None
-        self._failures = 0
+        self._out = out
         self.peer = peer
 
     @property
@@ -85,18 +87,13 @@ class Datagrams(asyncio.DatagramProtocol):
         if self._transport is not None:
             self._hear((addr[0], addr[1]), data)
 
-    def error_received(self, exc: Exception) -> None:
-        """Count a send that the network refused, or an ICMP error (called by asyncio)."""
-        del exc
-        self._failures += 1
-
     def write(self, data: bytes, peer: Address) -> bool:
-        """Return whether the bytes left. asyncio tells of a failure by calling `error_received` meanwhile."""
-        if self._transport is None:
+        """Return whether the bytes left: not where the network refuses them, nor once it is closed."""
+        try:
+            self._out.sendto(data, peer)
+        except OSError:
             return False
-        before = self._failures
-        self._transport.sendto(data, peer)
-        return self._failures == before
+        return True
 
     def close(self) -> None:
         """Close the socket."""
@@ -118,7 +115,8 @@ class Stream(asyncio.Protocol):
         self._out: asyncio.WriteTransport | None = None
         self._gone = asyncio.Event()
         self.peer: Address = (where.name, where.number)
-        self._task = asyncio.get_running_loop().create_task(self._keep_open())
+        self._asyncio_loop, self._thread = asyncio.get_running_loop(), threading.get_ident()
+        self._task = self._asyncio_loop.create_task(self._keep_open())
 
     @property
     def own(self) -> Address | None:
@@ -140,11 +138,17 @@ class Stream(asyncio.Protocol):
             self._counts["garbage"] += 1
 
     def write(self, data: bytes, peer: Address) -> bool:
-        """Return whether the bytes left, or will at once."""
+        """Return whether the bytes left, or will at once: what another thread writes, in the loop's next turn."""
         del peer
         if self._out is None or self._out.is_closing() or self._out.get_write_buffer_size() > UNSENT_BYTES_MAX:
             return False
-        self._out.write(data)
+        if threading.get_ident() == self._thread:
+            self._out.write(data)
+            return True
+        try:
+            self._asyncio_loop.call_soon_threadsafe(self._out.write, data)
+        except RuntimeError:  # the loop is closed
+            return False
         return True
 
     def close(self) -> None:
@@ -191,5 +195,11 @@ async def _open_datagrams(where: Where, hear: Hear, *, speaks_first: bool) -> Da
     named: Address = (str(address[0]), int(address[1]))
     anywhere: Address = ("::" if family == socket.AF_INET6 else "0.0.0.0", 0)
     own, peer = (anywhere, named) if speaks_first else (named, None)
-    _, protocol = await loop.create_datagram_endpoint(lambda: Datagrams(hear, peer), local_addr=own, family=family)
+    out = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        out.bind(own)
+        _, protocol = await loop.create_datagram_endpoint(lambda: Datagrams(hear, peer, out), sock=out)
+    except BaseException:
+        out.close()
+        raise
     return protocol

@@ -19,6 +19,7 @@ from autopilot.adapters.mesh import MeshAdapter
 from autopilot.adapters.vehicle import VehicleLink
 from autopilot.geo import Origin
 from autopilot.node.board import Board
+from autopilot.node.daemon import _perform
 from autopilot.node.edges import Edges, home_of, remembered, resume, set_origin
 from autopilot.node.lock import FolderLock, FolderTaken
 from autopilot.node.projecting import Projecting
@@ -68,6 +69,17 @@ class Standing:
 
     def facts(self) -> VehicleFacts:
         return replace(VEHICLE, home=self.home)
+
+
+class Failing:
+    """A vehicle's adapter with a defect."""
+
+    def __init__(self) -> None:
+        self.performed: list[int] = []
+
+    def perform(self, seq: int, *_: object) -> None:
+        self.performed.append(seq)
+        raise ZeroDivisionError
 
 
 def edges(mesh: Mesh, vehicle: Counting | None = None) -> Edges:
@@ -155,6 +167,28 @@ def test_effects_go_to_their_port(node: Node) -> None:
         edges(mesh).perform(record)
     assert mesh.performed == [record.seq for record in node.performed if record.kind.name == "send_ack"]
     assert len(node.performed) > len(mesh.performed) > 0
+
+
+def test_what_is_for_the_vehicle_is_performed_where_it_is_brought(
+    node: Node, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Anything else on the loop, in its next turn; and a defect of the vehicle's adapter is said, and stays there."""
+    node.tell(*heard_vehicle())
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER)
+    node.tell(answered(node.performed[-1].seq))
+    by_port = {record.kind.port: record for record in node.performed}
+    mesh, vehicle = Mesh(), Failing()
+    both = edges(mesh, cast(Counting, vehicle))
+
+    async def story() -> None:
+        for port in ("mesh", "vehicle"):
+            _perform(asyncio.get_running_loop(), both, by_port[port])
+        assert (vehicle.performed, mesh.performed) == ([by_port["vehicle"].seq], [])
+        await asyncio.sleep(0)
+        assert mesh.performed == [by_port["mesh"].seq]
+
+    asyncio.run(story())
+    assert "an effect failed:\nTraceback" in capsys.readouterr().err
 
 
 def test_what_was_rejected_is_recorded_as_counts(node: Node) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from pathlib import Path
 
@@ -52,6 +53,25 @@ def test_an_order_is_durable_and_then_performed(node: Node) -> None:
     assert node.kinds().count("point_at_place") == 1
     assert [record.kind.name for record in node.performed] == ["point_at_place"]
     check_written_before_performed(node)
+
+
+def test_no_garbage_is_collected_between_an_order_and_its_effects(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From then on it is, also where the turn ends with a defect."""
+    seen: list[tuple[str, bool]] = []
+    monkeypatch.setattr(node.loop, "_perform", lambda record: seen.append((record.kind.name, gc.isenabled())))
+    monkeypatch.setattr(node.loop, "_on_records", lambda _: seen.append(("noted", gc.isenabled())))
+    node.tell(point_at_place("a1"), input_class=InputClass.ORDER)
+    assert seen == [("point_at_place", False), ("send_ack", False), ("noted", True)]
+    assert gc.isenabled()
+
+    def fails(_: object) -> None:
+        assert not gc.isenabled()
+        raise StoreFailed("for a test")
+
+    monkeypatch.setattr(node.session.store, "append", fails)
+    with pytest.raises(StoreFailed):
+        node.tell(point_at_place("a2", order_seq=2), input_class=InputClass.ORDER)
+    assert gc.isenabled()
 
 
 def test_how_far_an_order_got_waits_for_the_next_commit(node: Node) -> None:

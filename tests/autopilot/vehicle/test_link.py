@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+import threading
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 import pytest
@@ -28,7 +30,7 @@ from events.schema.vehicle_pb2 import (
     VehicleLinkChanged,
     VehicleStateReported,
 )
-from tests.autopilot.vehicle.vehicles import at_angles, at_place, plain_place
+from tests.autopilot.vehicle.vehicles import answer, at_angles, at_place, decode, heartbeat, plain_place
 
 WITHIN_S = 20.0
 
@@ -173,6 +175,104 @@ def test_lost_answers_are_asked_for_again_and_a_refusal_is_told() -> None:
             link.perform(6, at_angles(), HostClock().mono_ns())
             await inbox.wait_for(CommandAnswered, lambda told: told.mav_result == 0)
             assert [told.mav_result for told in inbox.of(CommandAnswered)] == [5, 0]
+
+    run(story)
+
+
+class Silent:
+    """A vehicle's end of a UDP link: a socket that says what a test has it say."""
+
+    def __init__(self) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.setblocking(False)
+        self.port: int = self.socket.getsockname()[1]
+
+    async def meet(self, inbox: Inbox) -> Any:
+        """Wait until the link spoke, beat, and return where the link is, once it knows the vehicle."""
+        _, peer = await asyncio.get_running_loop().sock_recvfrom(self.socket, 2_048)
+        self.socket.sendto(heartbeat(), peer)
+        await inbox.wait_for(VehicleStateReported)
+        return peer
+
+    def commands(self) -> list[int]:
+        """Return the commands of the gimbal that lie there, without waiting."""
+        found = []
+        with suppress(BlockingIOError):
+            while True:
+                message = decode(self.socket.recv(2_048))
+                found.append(getattr(message, "command", 0))
+        return [command for command in found if command in (1000, 195)]
+
+
+@pytest.mark.whole
+def test_an_effect_leaves_without_the_loop_and_its_outcome_comes_with_it() -> None:
+    """From a thread that brings it, while the loop is held up; what is due afterwards is the loop's."""
+
+    async def story() -> VehicleLink:
+        vehicle, inbox = Silent(), Inbox()
+        settings = VehicleSection(connect=f"127.0.0.1:{vehicle.port}", answer_timeout_s=0.1, attempts=2)
+        link = link_to(settings, inbox)
+        await link.start()
+        try:
+            peer = await vehicle.meet(inbox)
+            bringer = threading.Thread(target=link.perform, args=(5, at_angles(), HostClock().mono_ns()))
+            bringer.start()
+            bringer.join(WITHIN_S)  # the loop does nothing meanwhile
+            assert vehicle.commands() == [1000]
+            assert [sent.effect_seq for sent in inbox.of(CommandSent)] == [5]
+            await asyncio.sleep(0)
+            assert link._timer is not None
+            assert link._timer.when() <= asyncio.get_running_loop().time() + 0.1  # for the second time
+            unanswered = await inbox.wait_for(CommandUnanswered)
+            assert (unanswered.effect_seq, unanswered.attempts) == (5, 2)
+            assert vehicle.commands() == [1000]
+            await asyncio.to_thread(link.perform, 6, at_place(), HostClock().mono_ns())
+            vehicle.socket.sendto(answer(195), peer)
+            assert (await inbox.wait_for(CommandAnswered)).effect_seq == 6
+        finally:
+            await link.stop()
+        link.perform(7, at_angles(), HostClock().mono_ns())
+        assert vehicle.commands() == [195]
+        vehicle.socket.close()
+        return link
+
+    link = asyncio.run(story())
+    link.perform(8, at_angles(), HostClock().mono_ns())  # there is no loop any more
+
+
+@pytest.mark.whole
+def test_many_threads_bring_effects_while_the_vehicle_speaks() -> None:
+    """Each effect comes to exactly one end, whoever brings it and whatever is heard meanwhile."""
+    threads, each = 4, 50
+
+    def bring(link: VehicleLink, first: int) -> None:
+        for seq in range(first, first + each):
+            link.perform(seq, at_angles(), HostClock().mono_ns())
+
+    async def story() -> None:
+        vehicle, inbox = Silent(), Inbox()
+        link = link_to(VehicleSection(connect=f"127.0.0.1:{vehicle.port}"), inbox)
+        await link.start()
+        try:
+            peer = await vehicle.meet(inbox)
+            bringers = [asyncio.to_thread(bring, link, each * number) for number in range(threads)]
+            bringing = asyncio.gather(*bringers)
+            while not bringing.done():
+                vehicle.socket.sendto(answer(1000), peer)
+                await asyncio.sleep(0)
+            await bringing
+            async with asyncio.timeout(WITHIN_S):
+                while len(list(ended(inbox))) < threads * each:
+                    vehicle.socket.sendto(answer(1000), peer)
+                    await asyncio.sleep(0.01)
+            assert sorted(ended(inbox)) == list(range(threads * each))
+        finally:
+            await link.stop()
+            vehicle.socket.close()
+
+    def ended(inbox: Inbox) -> Iterator[int]:
+        return (told.effect_seq for kind in (CommandAnswered, CommandUnanswered) for told in inbox.of(kind))
 
     run(story)
 

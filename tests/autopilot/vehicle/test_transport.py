@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import threading
 import tty
 from collections import Counter
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -132,6 +133,77 @@ def test_what_a_stream_does_not_take_is_not_sent_late() -> None:
                 assert left < 10_000
             assert transport._out.get_write_buffer_size() < UNSENT_BYTES_MAX + len(frame)  # type: ignore[attr-defined]
         server.stop()
+
+    run(story)
+
+
+class Spy:
+    """asyncio's side of a stream: notes what is written, and on which thread."""
+
+    def __init__(self) -> None:
+        self.written: list[tuple[bytes, int]] = []
+
+    def is_closing(self) -> bool:
+        return False
+
+    def get_write_buffer_size(self) -> int:
+        return 0
+
+    def write(self, data: bytes) -> None:
+        self.written.append((data, threading.get_ident()))
+
+
+def test_another_thread_may_write_to_a_stream() -> None:
+    """It is written on the loop, in order; not where there is no connection, nor once the loop is gone."""
+    spy, peer = Spy(), ("127.0.0.1", 1)
+
+    async def story() -> Transport:
+        server = Server()
+        async with opened(connect=f"tcp://127.0.0.1:{await server.start()}") as (transport, _):
+            assert not transport.write(b"none", peer)
+            await until(lambda: server.clients and transport._out)  # type: ignore[attr-defined]
+            transport._out = spy  # type: ignore[attr-defined]
+            assert await asyncio.to_thread(lambda: [transport.write(data, peer) for data in (b"a", b"b")]) == [True] * 2
+            await until(lambda: len(spy.written) == 2)
+            assert transport.write(b"c", peer)
+            assert spy.written == [(data, threading.get_ident()) for data in (b"a", b"b", b"c")]
+        server.stop()
+        return transport
+
+    transport = asyncio.run(story())
+    transport._out = spy  # type: ignore[attr-defined]
+    late: list[bool] = []
+    thread = threading.Thread(target=lambda: late.append(transport.write(b"d", peer)))
+    thread.start()
+    thread.join(WITHIN_S)
+    assert late == [False]
+
+
+def test_udp_says_what_did_not_leave() -> None:
+    """What the network refuses, what no loop is needed for, and what comes when it is closed."""
+
+    async def story() -> None:
+        async with opened(connect="127.0.0.1:9") as (transport, _):
+            assert transport.own is not None
+            ear = Ears()
+            other = await open_transport(VehicleSection(listen="127.0.0.1:0"), ear.hear, ear.counts)
+            assert other.own is not None
+            assert not transport.write(bytes(70_000), other.own)
+            assert await asyncio.to_thread(transport.write, heartbeat(), other.own)
+            await until(lambda: ear.heard)
+            assert ear.heard == [(("127.0.0.1", transport.own[1]), heartbeat())]
+            other.close()
+        assert not transport.write(heartbeat(), ("127.0.0.1", 9))
+
+    run(story)
+
+
+def test_a_port_that_is_taken_is_an_error() -> None:
+    async def story() -> None:
+        async with opened(listen="127.0.0.1:0") as (transport, _):
+            assert transport.own is not None
+            with pytest.raises(OSError, match="in use"):
+                await open_transport(VehicleSection(listen=f"127.0.0.1:{transport.own[1]}"), Ears().hear, Counter())
 
     run(story)
 
