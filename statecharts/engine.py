@@ -50,7 +50,7 @@ def _hearers(parts: Sequence[Part]) -> dict[str, int]:
 
 def _concerned(chart: str) -> tuple[Part, ...]:
     """Return the charts that a move of one concerns, itself among them."""
-    return tuple(part for part in PARTS if part.moves_of is None or chart in (*part.moves_of, part.chart.name))
+    return tuple(part for part in PARTS if part.moves_of is None or chart == part.chart.name or chart in part.moves_of)
 
 
 _EVOLVE = _evolvers([*PLAIN, *(part.evolve for part in PARTS)])
