@@ -32,6 +32,7 @@ class MissionAct:
 
     def tell(self) -> None:
         """Play all scenes up to the landing and the push after it."""
+        self.supervisor.attend(NODE)
         self._planned()
         self._tested()
         self._begun()

@@ -54,7 +54,7 @@ class Consoles:
     def __enter__(self) -> Consoles:
         for issuer in self._all:
             issuer.start()
-        for operator in (self.first, self.second, self.supervisor):
+        for operator in (self.first, self.second):
             operator.attend(NODE)
         return self
 
