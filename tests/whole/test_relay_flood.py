@@ -1,4 +1,4 @@
-"""A fifth of the flood of the benchmarks, for a few seconds: behind a relay no order is lost and nothing grows.
+"""A tenth of the flood of the benchmarks, for a few seconds: behind a relay no order is lost and nothing grows.
 
 The whole of it needs two cores that nobody else uses: `make bench`.
 """
@@ -20,7 +20,7 @@ MIB = 1 << 20
 @pytest.mark.parametrize("case", [case for case in CASES if case.guard != "bare"], ids=lambda case: case.guard)
 def test_behind_a_relay_no_order_is_lost_in_a_flood(case: Case, tmp_path: Path) -> None:
     """Each reaches the vehicle; node and relay hold no more than before."""
-    quiet, flooded = run(replace(case, per_s=case.per_s // 5), tmp_path, seconds=3.0, quiet_s=1.0)
+    quiet, flooded = run(replace(case, per_s=case.per_s // 10), tmp_path, seconds=3.0, quiet_s=1.0)
     assert (quiet.lost, flooded.lost) == (0, 0)
     assert flooded.given >= 10
     assert flooded.forged > 1000
