@@ -14,11 +14,10 @@ from events.schema.common_pb2 import Place
 from events.schema.safety_pb2 import OVERRIDE_FENCE_RETURN
 from statecharts import geometry
 from statecharts.charts.mission import MAY_BEGIN, MAY_PAUSE, MAY_RESUME, OVER, STATES
-from statecharts.charts.safety import DEMANDING
+from statecharts.charts.safety_part import failsafe_flies
 
 if TYPE_CHECKING:
     from statecharts.charts.command import Facts
-    from statecharts.state import State
 
 MISSION_VERBS = ("mission", "acknowledge")
 VEHICLE = 1  # orders name no vehicle: there is one
@@ -70,17 +69,11 @@ def mission_unheard(facts: Facts) -> bool:
 
 def against_failsafe(facts: Facts) -> bool:
     """The mission is to be paused or resumed while a failsafe brings the vehicle home or down."""
-    return _holds_or_resumes(facts) and failsafe_flies(facts.state)
+    return _holds_or_resumes(facts) and failsafe_flies(facts.state, VEHICLE)
 
 
 def _holds_or_resumes(facts: Facts) -> bool:
     return facts.order.verb == "mission" and facts.order.asked in ("pause", "resume")
-
-
-def failsafe_flies(state: State) -> bool:
-    """Whether a failsafe of the vehicle demands something that nobody holds off."""
-    own = (failsafe.state for key, failsafe in state.failsafes.items() if key.partition("/")[0] == str(VEHICLE))
-    return any(one in DEMANDING for one in own)
 
 
 def no_such_report(facts: Facts) -> bool:

@@ -8,22 +8,23 @@ from statecharts.charts import gimbals
 
 if TYPE_CHECKING:
     from statecharts.charts.command import Facts
+    from statecharts.facts import Order
 
 
-def _looks_at_place(facts: Facts) -> bool:
+def looks_at_place(order: Order) -> bool:
     """Whether an order has the camera look at a place: at one that it names, or where what is followed was seen."""
-    return facts.order.at_place or facts.order.verb == "follow"
+    return order.at_place or order.verb == "follow"
 
 
 def gimbal_unknown(facts: Facts) -> bool:
     """A place is asked before it is known whether the vehicle itself would turn to it, which this flight refuses."""
-    asked = _looks_at_place(facts) and gimbals.is_refused(facts.state)
+    asked = looks_at_place(facts.order) and gimbals.is_refused(facts.state)
     return asked and facts.order.gimbal not in facts.state.gimbals
 
 
 def turns_vehicle(facts: Facts) -> bool:
     """The vehicle itself would turn to the place that is asked, which this flight refuses."""
-    asked = _looks_at_place(facts) and gimbals.is_refused(facts.state)
+    asked = looks_at_place(facts.order) and gimbals.is_refused(facts.state)
     return asked and gimbals.may_turn_vehicle(facts.state, facts.order.gimbal)
 
 

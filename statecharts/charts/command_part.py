@@ -216,11 +216,8 @@ def _notes(state: State, order: Order) -> str:
         return ""
     other = control.other_controller(state, order.gimbal)
     notes = [f"{other} controls the gimbal"] if other else []
-    if (
-        (order.at_place or order.verb == "follow")
-        and gimbals.is_judged(state)
-        and gimbals.may_turn_vehicle(state, order.gimbal)
-    ):
+    looks = command_gimbal.looks_at_place(order) and gimbals.is_judged(state)
+    if looks and gimbals.may_turn_vehicle(state, order.gimbal):
         notes.append(gimbals.MAY_TURN)
     return "".join(f"; {note}" for note in notes)
 

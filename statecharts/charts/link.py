@@ -15,6 +15,7 @@ flight, the link is not watched at all.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from google.protobuf.message import Message
@@ -23,7 +24,7 @@ from events.records import Record
 from events.schema.common_pb2 import Moved
 from events.schema.flight_pb2 import Limits, NodeStarted
 from events.schema.vehicle_pb2 import VehicleStateReported
-from statecharts.facts import Link
+from statecharts.facts import Link, Scan
 from statecharts.part import Part
 from statecharts.state import State
 from statecharts.table import Answer, Chart, Row, ignore, move, moved
@@ -138,6 +139,11 @@ def is_watched(state: State) -> bool:
     return state.commands_flight and state.flight.limits.operator_lost_ms > 0
 
 
+def followings(state: State) -> Iterator[Scan]:
+    """Yield what cameras do that keep a finding in view."""
+    return (scan for scan in state.scans.values() if scan.state == FOLLOWING)
+
+
 def _link(state: State) -> Link:
     return state.links.get(OPERATORS) or Link()
 
@@ -146,7 +152,7 @@ def _facts(state: State, link: Link, now_ns: int) -> _Facts:
     limits = state.flight.limits
     return _Facts(
         silent_ns=-1 if link.since_ns is None else now_ns - link.since_ns,
-        following=any(scan.state == FOLLOWING for scan in state.scans.values()),
+        following=any(followings(state)),
         heard=link.heard,
         degraded_ns=limits.operator_degraded_ms * NS_PER_MS,
         lost_ns=limits.operator_lost_ms * NS_PER_MS,

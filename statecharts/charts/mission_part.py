@@ -29,7 +29,7 @@ from events.schema.safety_pb2 import (
     SetVehicleMode,
 )
 from events.schema.vehicle_pb2 import CommandAnswered, CommandUnanswered, PointAtAngles, VehicleLinkChanged
-from statecharts.charts.command_flight import failsafe_flies
+from statecharts.charts.link import followings
 from statecharts.charts.mission import CHART
 from statecharts.charts.mission_guards import Facts
 from statecharts.charts.mission_state import (
@@ -41,6 +41,7 @@ from statecharts.charts.mission_state import (
     mission,
     must_be_stopped,
 )
+from statecharts.charts.safety_part import failsafe_flies
 from statecharts.charts.selftest import selftest
 from statecharts.facts import Vehicle
 from statecharts.part import Part
@@ -73,7 +74,7 @@ def decide(state: State, record: Record) -> tuple[Message, ...]:
 def _may_command(state: State) -> bool:
     """Whether the vehicle is heard and no failsafe is bringing it down: then it is asked for nothing else."""
     vehicle = state.vehicles.get(VEHICLE)
-    return vehicle is not None and vehicle.link and not failsafe_flies(state)
+    return vehicle is not None and vehicle.link and not failsafe_flies(state, VEHICLE)
 
 
 def _trigger(state: State, record: Record) -> str:
@@ -156,11 +157,11 @@ def _facts(state: State, record: Record) -> Facts:
         flown=now.flown,
         holds_plan=now.held_seq > now.plan_seq,
         lingers=is_lingering(state),
-        failsafe=failsafe_flies(state),
+        failsafe=failsafe_flies(state, VEHICLE),
         left_mission=now.entered_mode == FLIGHT_MODE_MISSION != vehicle.flight_mode,
         homeward=item is not None and item.command in HOMEWARD,
         at_middle=now.middle_ahead and has_middle(state) and now.middle_item < now.next_item,
-        followed=any(scan.state == "following" for scan in state.scans.values()),
+        followed=any(followings(state)),
         by_waypoint=limits.follow_by_waypoint and now.middle_item < 0 and item is not None,
         pushes=limits.push_ms > 0,
     )
@@ -225,7 +226,7 @@ def _mode(mode: FlightMode.ValueType, because: str, life_ms: int) -> SetVehicleM
 def _post(state: State) -> PostWaypoint:
     """Ask for a waypoint at what is followed, before the item that the vehicle flies to and at that item's height."""
     plan, now = _plan(state), mission(state)
-    poi_id = next(scan.poi_id for scan in state.scans.values() if scan.state == "following")
+    poi_id = next(followings(state)).poi_id
     height_mm = next((one.height_mm for one in plan.items[now.next_item :] if one.HasField("place")), 0)
     return PostWaypoint(
         vehicle=VEHICLE,

@@ -62,6 +62,12 @@ def again_ns(state: State) -> int:
     return max(state.flight.limits.failsafe_again_ms, AGAIN_LEAST_MS) * NS_PER_MS
 
 
+def failsafe_flies(state: State, number: int) -> bool:
+    """Whether a failsafe of a vehicle demands something that nobody holds off."""
+    own = (failsafe.state for key, failsafe in state.failsafes.items() if key.partition("/")[0] == str(number))
+    return any(one in DEMANDING for one in own)
+
+
 def _demand(state: State, name: str, number: int) -> str | None:
     """Return what a failsafe demands of an armed vehicle; "" for nothing, None where that is not known."""
     limits = state.flight.limits

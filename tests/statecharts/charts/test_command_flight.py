@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from statecharts.charts.command_flight import failsafe_flies
 from statecharts.charts.safety import CHART as SAFETY
+from statecharts.charts.safety_part import failsafe_flies
 from statecharts.facts import Failsafe, Mission
 from tests import flying
 from tests.checks import check_chart, check_equal
@@ -142,7 +142,7 @@ def test_when_a_failsafe_has_the_vehicle(name: str) -> None:
     for key in ("1/battery", "1/link"):
         told = story()
         told.flight.state.failsafes.put(key, Failsafe(name))
-        check_equal((name, failsafe_flies(told.flight.state)), (name, name not in ("ok", "held_off", "settling")))
+        check_equal((name, failsafe_flies(told.flight.state, 1)), (name, name not in ("ok", "held_off", "settling")))
 
 
 @pytest.mark.parametrize(
