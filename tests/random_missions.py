@@ -18,18 +18,9 @@ from events.schema.safety_pb2 import BatteryReported
 from events.schema.vehicle_pb2 import VehicleStateReported
 from tests import flying
 from tests.flights import Flight, place, received
+from tests.stories_of_safety import SAFE_LIMITS
 
-LIMITS: dict[str, Any] = flying.LIMITS | {
-    "flight_roles": ["camera"],
-    "battery_return_percent": 25,
-    "battery_land_percent": 15,
-    "operator_degraded_ms": 5_000,
-    "operator_lost_ms": 30_000,
-    "operator_lost_following_ms": 30_000,
-    "failsafe_again_ms": 5_000,
-    "fence_ahead_ms": 2_000,
-    "override_longest_ms": 600_000,
-}
+LIMITS: dict[str, Any] = flying.LIMITS | SAFE_LIMITS | {"flight_roles": ["camera"]}
 ITEMS = ("takeoff,go,go,home", "takeoff,go,land", "go,go")
 MODES = ("mission", "mission", "guided", "loiter", "return", "land")
 VERDICTS = ("pass", "pass,degraded", "fail", "skipped,pass")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
 import pytest
@@ -39,6 +39,18 @@ def vehicle(personality: str, frame: str) -> Iterator[int]:
             process.terminate()
 
 
+@asynccontextmanager
+async def linked(port: int, **settings: Any) -> AsyncIterator[tuple[VehicleLink, Inbox]]:
+    """A link to it, and what the link reports."""
+    inbox = Inbox()
+    link = link_to(VehicleSection(connect=f"127.0.0.1:{port}", **settings), inbox)
+    await link.start()
+    try:
+        yield link, inbox
+    finally:
+        await link.stop()
+
+
 async def check_done(link: VehicleLink, inbox: Inbox, seq: int, effect: Any) -> None:
     """The effect is accepted."""
     link.perform(seq, effect, HostClock().mono_ns())
@@ -55,10 +67,7 @@ async def in_mode(inbox: Inbox, name: str) -> None:
 @pytest.mark.parametrize("personality", ["ardupilot", "px4"])
 def test_a_mission_is_given_flown_and_broken_off(personality: str) -> None:
     async def story(port: int) -> None:
-        inbox = Inbox()
-        link = link_to(VehicleSection(connect=f"127.0.0.1:{port}", late_answer_s=0.3), inbox)
-        await link.start()
-        try:
+        async with linked(port, late_answer_s=0.3) as (link, inbox):
             await inbox.wait_for(HomeReported)
             await inbox.wait_for(BatteryReported)
             link.perform(1, upload(), HostClock().mono_ns())
@@ -81,8 +90,6 @@ def test_a_mission_is_given_flown_and_broken_off(personality: str) -> None:
             assert (facts.linked, facts.commandable, facts.armed, facts.home is not None) == (True, True, True, True)
             assert (facts.fix_type or 0) >= 3
             assert facts.charge_percent is not None
-        finally:
-            await link.stop()
 
     with vehicle(personality, "copter") as port:
         run(lambda: story(port))
@@ -94,10 +101,7 @@ def test_a_mission_is_changed_in_the_air(personality: str) -> None:
     """It is read back there too, the vehicle flies on, and goes to the item that it is told, by the new plan."""
 
     async def story(port: int) -> None:
-        inbox = Inbox()
-        link = link_to(VehicleSection(connect=f"127.0.0.1:{port}", late_answer_s=0.3), inbox)
-        await link.start()
-        try:
+        async with linked(port, late_answer_s=0.3) as (link, inbox):
             await inbox.wait_for(HomeReported)
             link.perform(1, upload(), HostClock().mono_ns())
             await inbox.wait_for(MissionUploaded)
@@ -113,8 +117,6 @@ def test_a_mission_is_changed_in_the_air(personality: str) -> None:
             await inbox.wait_for(MissionProgressReported, lambda told: told.current_item == 4)
             await in_mode(inbox, "MISSION")
             assert link.facts().armed
-        finally:
-            await link.stop()
 
     with vehicle(personality, "copter") as port:
         run(lambda: story(port))
@@ -123,16 +125,11 @@ def test_a_mission_is_changed_in_the_air(personality: str) -> None:
 @pytest.mark.whole
 def test_a_plane_takes_its_mission() -> None:
     async def story(port: int) -> None:
-        inbox = Inbox()
-        link = link_to(VehicleSection(connect=f"127.0.0.1:{port}"), inbox)
-        await link.start()
-        try:
+        async with linked(port) as (link, inbox):
             await inbox.wait_for(VehicleStateReported)
             items = [planned(16, north) for north in (50, 90, 130)]
             link.perform(1, upload(items), HostClock().mono_ns())
             assert (await inbox.wait_for(MissionUploaded)).items == 3
-        finally:
-            await link.stop()
 
     with vehicle("ardupilot", "plane") as port:
         run(lambda: story(port))
