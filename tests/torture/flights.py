@@ -24,7 +24,7 @@ from tests.whole.flights import LONG, Mission
 PERSONALITIES = ("ardupilot", "px4")
 ROUNDS = 1  # of each misfortune, in each flight
 AT_ONCE = 4  # flights: most of each is waiting
-SILENCES_S = (4.0, 6.0, 31.0, 70.0)
+SILENCES = ((4.0, ""), (6.0, "degraded"), (31.0, "lost"), (70.0, "lost"))  # seconds, and what the link comes to
 LOST_S, GRACE_S = 30.0, 30.0
 Report = Callable[[str], None]
 
@@ -114,8 +114,8 @@ def _fences(seen: Seen, personality: str, rounds: int, report: Report) -> None:
 def _silences(seen: Seen, personality: str, rounds: int, report: Report) -> None:
     del rounds
     with _flight(seen, personality, 1, report) as flight:
-        for seconds in SILENCES_S:
-            misfortunes.check_silence(flight, seconds)
+        for seconds, deepest in SILENCES:
+            misfortunes.check_silence(flight, seconds, deepest)
             seen.checks[f"silence of {seconds:g} s"] += 1
 
 

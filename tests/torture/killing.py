@@ -25,6 +25,7 @@ from tests.torture.middle import Middle
 ORDER_LIFE_S = 5.0
 ORDERS_APART_S = (0.05, 0.5)
 UP_WITHIN_S = 30.0
+ACCEPTED_WITHIN_S = 60.0
 ALIVE_S = (0.0, 2.4)  # from the first word of a start to the kill
 AS_IT_ACTS = 0.5  # part of the kills that wait for a command to leave
 STARTING_S = (0.0, 1.2)  # from the start of the process to the kill, where it is killed before its first word
@@ -47,6 +48,14 @@ class Operator(threading.Thread):
             command = compose.point_at_place(latitude, HOME[1] + self._chance.uniform(-2e-4, 2e-4), HOME[2])
             self.orders.append(self._issuer.send(NODE, command, ORDER_LIFE_S))
 
+    def wait_accepted(self, count: int) -> None:
+        """Wait until so many of the orders were accepted. Raises TimeoutError."""
+        give_up_at_s = time.monotonic() + ACCEPTED_WITHIN_S
+        while sum(order.answer.result == "accepted" for order in list(self.orders)) < count:
+            if time.monotonic() > give_up_at_s:
+                raise TimeoutError(f"waited {ACCEPTED_WITHIN_S:.0f} s for {count} orders to be accepted")
+            self._over.wait(0.1)
+
     def stop(self) -> list[tuple[Order, Answer]]:
         """End it, wait for the last answers, and return every order with what was answered."""
         self._over.set()
@@ -66,8 +75,20 @@ class Flown:
     lost: list[str] = field(default_factory=list)  # what the status had told and a log did not hold after a kill
 
 
-def fly(folder: Path, *, seconds: float, seed: int, kills: int, starting: float = 0.0, land: bool = True) -> Flown:
-    """Fly; kill the node `kills` times, a part of them (`starting`) before it has said its first word."""
+def fly(
+    folder: Path,
+    *,
+    seconds: float,
+    seed: int,
+    kills: int,
+    starting: float = 0.0,
+    land: bool = True,
+    accepted: int = 0,
+) -> Flown:
+    """Fly; kill the node `kills` times, a part of them (`starting`) before it has said its first word.
+
+    It ends when so many orders were `accepted`, also where a slow machine is mostly starting. Raises TimeoutError.
+    """
     chance = random.Random(f"kill {seed}")
     flown = Flown(folder / "node" / "flights")
     stage = Stage(folder, seconds, seed)
@@ -84,6 +105,7 @@ def fly(folder: Path, *, seconds: float, seed: int, kills: int, starting: float 
             for _ in range(kills):
                 _kill(stage, middle, issuer, flown, chance, starting)
             _wait_until_up(issuer, flown.started_ms)
+            operator.wait_accepted(accepted)
             if land and issuer.wait_status(NODE, lambda status: not status.armed, seconds + UP_WITHIN_S) is None:
                 raise TimeoutError("the aircraft did not land")
             flown.answers = operator.stop()

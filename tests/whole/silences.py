@@ -17,11 +17,11 @@ LATE_S = 0.5  # a moment is looked at up to so much later
 Moves = tuple[str, ...]
 
 
-def check_silences(records: list[Record], since: int) -> tuple[float, bool]:
-    """Hold the link's moves to every silence that ended after `since`: the longest in seconds, whether any was lost."""
+def check_silences(records: list[Record], since: int) -> frozenset[str]:
+    """Hold the link's moves to every silence that ended after `since`; return the states that they led to."""
     limits = next(one.message.configuration.limits for one in records if isinstance(one.message, FlightOpened))
     moves = [(one, one.message) for one in records if isinstance(one.message, Moved) and one.message.chart == "link"]
-    longest_s, lost = 0.0, False
+    seen: set[str] = set()
     for before, word in pairwise(one for one in records if one.kind.name in WORDS):
         if word.seq < since:
             continue
@@ -32,8 +32,8 @@ def check_silences(records: list[Record], since: int) -> tuple[float, bool]:
             if one.cause == word.seq or (before.seq < one.seq < word.seq and one.cause != before.seq)
         )
         assert states in _allowed(lasted_s, limits), (lasted_s, states)
-        longest_s, lost = max(longest_s, lasted_s), lost or "lost" in states
-    return longest_s, lost
+        seen.update(states)
+    return frozenset(seen)
 
 
 def _allowed(lasted_s: float, limits: Limits) -> set[Moves]:

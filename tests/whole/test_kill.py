@@ -15,12 +15,12 @@ from tests.torture.killing import fly
 pytestmark = pytest.mark.whole
 
 
-KILLS = 5
+KILLS, ACCEPTED = 5, 11
 
 
 def test_a_node_that_is_killed_goes_on_with_its_flight(tmp_path: Path) -> None:
     """Five kills, each followed by a start; the aircraft lands, and the sixth start closes the flight."""
-    flown = fly(tmp_path, seconds=30, seed=11, kills=KILLS)
+    flown = fly(tmp_path, seconds=30, seed=11, kills=KILLS, accepted=ACCEPTED)
     orders = check(flown, starts=KILLS + 1)
-    assert orders["accepted"] >= KILLS  # a slow machine is mostly starting
-    assert sum(answer.state == "final" for _, answer in flown.answers) >= KILLS
+    assert orders["accepted"] > 10
+    assert sum(answer.state == "final" for _, answer in flown.answers) > 10

@@ -61,10 +61,12 @@ def test_the_autopilot_starts_again(flight: Mission) -> None:
     misfortunes.check_reboot(flight)
 
 
-@pytest.mark.parametrize("seconds", [0.7, 2.8, 4.8], ids=["short", "degraded", "lost"])
-def test_no_operator_is_heard(flight: Mission, seconds: float) -> None:
+@pytest.mark.parametrize(
+    ("seconds", "deepest"), [(0.7, ""), (2.8, "degraded"), (4.8, "lost")], ids=["short", "some", "long"]
+)
+def test_no_operator_is_heard(flight: Mission, seconds: float, deepest: str) -> None:
     """Degraded from 2 s, lost from 4 s; 5 s and 30 s are the same thing."""
-    misfortunes.check_silence(flight, seconds)
+    misfortunes.check_silence(flight, seconds, deepest)
 
 
 def test_the_place_jumps(flight: Mission, capsys: pytest.CaptureFixture[str]) -> None:
