@@ -23,7 +23,7 @@ from typing import Final
 
 from google.protobuf.message import Message
 
-from autopilot.adapters.missions.client import Client, Failed
+from autopilot.adapters.missions.client import Client, Failed, waits_s
 from autopilot.adapters.missions.messages import Home, PlaceOf, planned
 from autopilot.adapters.missions.pushing import Pusher, Read, read_in_child
 from autopilot.planning import Plan, make_plan, mission_limits, with_middle
@@ -111,8 +111,8 @@ class MissionsAdapter:
     async def _fetch(self, seq: int) -> None:
         """Fetch, plan and record the mission; go on trying as long as it may help."""
         home = await self._wait_for_home(seq)
-        wait_s, told = self._settings.retry_first_s, ""
-        for attempt in range(1, self._settings.attempts + 1):
+        told = ""
+        for attempt, wait_s in enumerate(waits_s(self._settings), 1):
             found = await self._planned(seq, home)
             if isinstance(found, MissionPlanned):
                 await self._surely(found)
@@ -124,7 +124,6 @@ class MissionsAdapter:
                 told = found.because
                 await self._no_mission(seq, told, attempt, final=False)
             await self._sleep(wait_s)
-            wait_s = min(2 * wait_s, self._settings.retry_longest_s)
 
     async def _wait_for_home(self, seq: int) -> Home:
         """Return where the vehicle starts from, once somebody knows."""
@@ -202,8 +201,7 @@ class MissionsAdapter:
             await self._posted(seq, "this mission can't be had from the office")
             return
         key, body = waypoint_request(seq, effect, plan)
-        wait_s = self._settings.retry_first_s
-        for attempt in range(1, self._settings.attempts + 1):
+        for attempt, wait_s in enumerate(waits_s(self._settings), 1):
             answer = await self._client.post(f"/missions/{self._settings.mission_id}/waypoints", key, body)
             if not isinstance(answer, Failed):
                 self._middle = key, effect.before_item
@@ -214,7 +212,6 @@ class MissionsAdapter:
                 await self._posted(seq, answer.because)
                 return
             await self._sleep(wait_s)
-            wait_s = min(2 * wait_s, self._settings.retry_longest_s)
 
     async def _push(self, seq: int, effect: PushObservations, refusal: str) -> None:
         """Push what the open flight saw. The outcome is that flight's: another one's log is told nothing of it."""

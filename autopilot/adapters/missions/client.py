@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import stat
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -21,6 +22,14 @@ from autopilot.ports.config import MissionSection
 TOKEN_BYTES_MAX: Final = 8192
 ETAG_MAX: Final = 200  # characters; a longer one is not kept
 _AGAIN: Final = frozenset({408, 425, 429})  # statuses below 500 that say "later" (RFC 9110, RFC 8470, RFC 6585)
+
+
+def waits_s(settings: MissionSection) -> Iterator[float]:
+    """Yield for each attempt how long to wait after it before the next, in seconds: 1, 2, 4 ... as configured."""
+    wait_s = settings.retry_first_s
+    for _ in range(settings.attempts):
+        yield wait_s
+        wait_s = min(2 * wait_s, settings.retry_longest_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

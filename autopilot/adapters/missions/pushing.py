@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from autopilot.adapters.missions.client import Client, Failed
+from autopilot.adapters.missions.client import Client, Failed, waits_s
 from autopilot.ports.config import MissionSection
 from events.schema.mission_pb2 import PushObservations, PushReported
 
@@ -96,8 +96,8 @@ class Pusher:
 
     async def _post(self, path: str, part: Part) -> Failed | None:
         """Send a part until it is taken; return why it was not."""
-        wait_s, told = self._settings.retry_first_s, ""
-        for attempt in range(1, self._settings.attempts + 1):
+        told = ""
+        for attempt, wait_s in enumerate(waits_s(self._settings), 1):
             if not self._is_open():
                 return Failed("the flight is over", again=True)
             self._said.attempts += 1
@@ -112,7 +112,6 @@ class Pusher:
                 told = answer.because
                 await self._tell_now(told, final=False)
             await self._sleep(wait_s)
-            wait_s = min(2 * wait_s, self._settings.retry_longest_s)
         raise AssertionError("there is at least one attempt")
 
     async def _tell_now(self, because: str, *, final: bool) -> None:
